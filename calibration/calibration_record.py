@@ -140,7 +140,7 @@ def from_toml(text: str, where: str) -> CalibrationRecord:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{where} is not valid TOML: {error}") from error
+        raise ConfigError(f"not valid TOML: {error}", place=where) from error
     return from_document(document, where)
 
 
@@ -151,7 +151,8 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
     """
     if document.get("schema") != SCHEMA:
         raise ConfigError(
-            f"{where} has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
+            f"has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
+            place=where,
             fix="calibrate again, or install a newer fieldkit",
         )
     values = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
@@ -164,7 +165,8 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigError(
-            f"{where} is not a calibration record: {key}: {first['msg']}",
+            f"not a calibration record: {key}: {first['msg']}",
+            place=where,
             fix=f"correct {key} in it, or calibrate again",
         ) from None
 
@@ -222,7 +224,8 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
         return next((record for record in records if record[0].kind == kind), latest)
     names = sorted({file.stem.partition("-")[2] for file in files})
     raise ConfigError(
-        f"no calibration named {reference!r} in {folder}",
+        f"no calibration named {reference!r}",
+        place=folder,
         fix=f"available: {', '.join(names)}" if names else "calibrate first",
     )
 

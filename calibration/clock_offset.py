@@ -79,7 +79,8 @@ def offset_from_times(own_ns: IntArray, true_ns: IntArray, reading_sd_s: float, 
     rollovers = round(float(np.median(apart_s)) / ROLLOVER_S)
     if rollovers and abs(np.median(apart_s) - rollovers * ROLLOVER_S) < DAY_S:
         raise CalibrationError(
-            f"the {source} is {abs(1024 * rollovers)} weeks off: its count of weeks has rolled over",
+            f"{abs(1024 * rollovers)} weeks off: its count of weeks has rolled over",
+            place=source,
             fix="update the receiver's firmware, or compare with a phone: " + Action.HOST_CLOCK(),
         )
     scatter = float(np.std(apart_s)) if own_ns.size > 1 else 0.0

@@ -105,7 +105,8 @@ def _refuse_outside(pixels: FloatArray, shape: tuple[int, int]) -> None:
     for number in np.flatnonzero(~inside):
         x, y = pixels[number]
         raise CalibrationError(
-            f"point {number + 1} at {x:g}, {y:g} is outside a frame of {shape[1]} x {shape[0]} pixels",
+            f"outside a frame of {shape[1]} x {shape[0]} pixels",
+            place=f"point {number + 1} at {x:g}, {y:g}",
             fix="check its row, and the size of the frame",
         )
 
@@ -114,8 +115,8 @@ def _refuse_wrong_point(residuals_px: FloatArray, mark_sd_px: float) -> None:
     """Raise `CalibrationError` where no scatter of marks explains how far one is off."""
     if residuals_px.max() > WORST_MARK * mark_sd_px:
         raise CalibrationError(
-            f"no pose sees all points where they are marked: point {residuals_px.argmax() + 1} is off by "
-            f"{residuals_px.max():.0f} px",
+            f"off by {residuals_px.max():.0f} px: no pose sees all points where they are marked",
+            place=f"point {residuals_px.argmax() + 1}",
             fix="check marks and coordinates (east and north swapped?), or enlarge " + Argument("mark_sd_px"),
         )
 

@@ -9,6 +9,7 @@ from numbers import Real
 from typing import NamedTuple
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 
 
 class Range(NamedTuple):
@@ -67,7 +68,7 @@ def require_ranges(given: Mapping[str, object]) -> None:
     """Raise `ConfigError` for the first of these arguments that is beyond its range; None is not given."""
     for name, value in given.items():
         if value is not None and name in RANGES and value not in RANGES[name]:
-            raise ConfigError(f"{name} = {value!r} cannot be", fix=f"give a number {RANGES[name].words}")
+            raise ConfigError("out of range", place=Argument(name, value), fix=f"give a number {RANGES[name].words}")
 
 
 LONGEST_NAME = 200
@@ -79,6 +80,10 @@ def require_name(name: str) -> None:
     plain = re.sub(r"[^\w.+-]+", "-", name).strip("-.")
     if name != plain or not name:
         advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
-        raise ConfigError(f"{name!r}: a record's name may contain letters, digits, - _ . + only; {advice}")
+        raise ConfigError(
+            "a record's name may contain letters, digits, - _ . + only", place=repr(name), fix=advice
+        )
     if len(name.encode()) > LONGEST_NAME:
-        raise ConfigError(f"{name[:20]!r}...: a record's name has {LONGEST_NAME} bytes at most; shorten it")
+        raise ConfigError(
+            f"a record's name has {LONGEST_NAME} bytes at most", place=f"{name[:20]!r}...", fix="shorten it"
+        )

@@ -149,7 +149,8 @@ def refuse_other_bed(readings: Readings, others_k: Mapping[str, FloatArray], cho
     best = min(misfits, key=misfits.__getitem__, default=chosen)
     if misfits and own > 2.0 * CAMERA_NOISE_K and BETTER_PROBE * misfits[best] < own:
         raise CalibrationError(
-            f"this region follows the probe {best}, not {chosen}: is the region on another bed?",
+            f"the region follows the probe {best} instead: is it on another bed?",
+            place=chosen,
             fix=f"choose the region that {chosen} lies in, or " + Argument("channel", best),
         )
 

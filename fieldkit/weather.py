@@ -359,7 +359,7 @@ def _bsrn(path: Path, text: str) -> Weather:
     try:
         from pvlib.iotools import read_bsrn
     except ImportError as error:
-        raise ConfigError("files of BSRN need pvlib", fix=install_extra("lab")) from error
+        raise ConfigError("files of BSRN need pvlib", place=path, fix=install_extra("lab")) from error
     text, notes = _without_cut_line(path, text)
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
     try:

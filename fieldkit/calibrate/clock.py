@@ -214,7 +214,8 @@ def _is_fix(sample: Sample) -> bool:
 def _against_sun(session: SessionReader, config: Config) -> ClockOffset:
     if (body := body_of(session.site)) is not EARTH:
         raise ConfigError(
-            f"{session.path.name} is of {body.name}; the clock is found by the light under the Earth's air",
+            f"recorded on {body.name}; the clock is found by the light under the Earth's air",
+            place=session.path,
             fix="give a GPS stream as " + Argument("gps") + ", or use " + Action.HOST_CLOCK(),
         )
     meter = light_meter(session, config).name

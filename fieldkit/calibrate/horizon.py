@@ -50,14 +50,15 @@ def horizon_from_dem(
     ground = geotiff.read_heights(dem, system, grid.scale)
     if not np.isfinite(ground.at(east_m, north_m)):
         raise ConfigError(
-            f"{dem} has no height at {east_m:g}, {north_m:g}", fix="check the place and the CRS"
+            f"no height at {east_m:g}, {north_m:g}", place=dem, fix="check the place and the CRS"
         )
     azimuths = np.arange(0.0, 360.0)
     on_grid = azimuths + grid.true_north_deg
     elevations = horizon_of_ground(ground, east_m, north_m, on_grid, nearest_m)
     if unknown := int(np.isnan(elevations).sum()):
         raise ConfigError(
-            f"{dem} has no heights beyond the place in {unknown} of {azimuths.size} directions",
+            f"no heights beyond the place in {unknown} of {azimuths.size} directions",
+            place=dem,
             fix="take a DEM that reaches around the place",
         )
     return list(zip(azimuths.tolist(), elevations.round(2).tolist(), strict=True))
@@ -151,7 +152,9 @@ def set_skyline(
     """
     if config.pose is None:
         raise ConfigError(
-            "a skyline needs the pose of the camera", fix='write pose = "pose.toml" under [camera]'
+            "a skyline needs the pose of the camera",
+            place="camera.pose",
+            fix='write pose = "pose.toml" under [camera]',
         )
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
     file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays

@@ -33,11 +33,12 @@ def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
         table = np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(
-            f"{path}: not a table of numbers with the columns {', '.join(names)} ({error})",
+            f"not a table of numbers with the columns {', '.join(names)} ({error})",
+            place=path,
             fix=f"begin the file with {','.join(names)}",
         ) from error
     for number in np.flatnonzero(~np.isfinite(table).all(axis=1)):
-        raise ConfigError(f"{path}: row {number + 2} has a number that is not finite", fix="correct that row")
+        raise ConfigError("a number is not finite", place=f"{path}, row {number + 2}", fix="correct that row")
     return table
 
 
@@ -91,8 +92,9 @@ def light_meter(session: SessionReader, config: Config) -> StreamInfo:
     stream_name = config.tables.irradiance.stream
     if len(names) > 1 and stream_name not in names:
         raise ConfigError(
-            f"{session.path}: which light meter?",
-            fix=f"name it as irradiance.stream; it has {', '.join(names)}",
+            "several light meters",
+            place=session.path,
+            fix=f"name one as irradiance.stream: {', '.join(names)}",
         )
     return one_stream(session, "illuminance", stream_name if stream_name in names else None)
 

@@ -25,6 +25,7 @@ from fieldkit.config import Config
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import radiation_components
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.sun import sun_vectors
@@ -87,7 +88,9 @@ def irradiance(
     require_ranges({"reference_sd": reference_sd})
     if against not in get_args(Against):
         raise ConfigError(
-            f"{against!r} is not a kind of reference", fix=f"give {', '.join(get_args(Against))}"
+            "not a kind of reference",
+            place=Argument("against", against),
+            fix=f"give {', '.join(get_args(Against))}",
         )
     with open_to_calibrate(session, settings, notify) as (opened, config):
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
@@ -166,7 +169,7 @@ def _reference(
     first_ns, last_ns = minute_ns[MARGIN], minute_ns[-MARGIN - 1]
     if first_ns > weather.time_ns[-1] or last_ns < weather.time_ns[0]:
         raise ConfigError(
-            f"{reference} is of another day than {session.path.name}", fix="give that day's file"
+            f"of another day than {session.path.name}", place=reference, fix="give that day's file"
         )
     dni = _at(minute_ns, weather.time_ns, weather.dni_w_m2)
     dhi = _at(minute_ns, weather.time_ns, weather.dhi_w_m2)

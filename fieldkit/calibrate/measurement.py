@@ -135,7 +135,9 @@ class MeasurementOptions:
     def __post_init__(self) -> None:
         require_ranges(asdict(self))
         if self.unit not in get_args(_Unit):
-            raise ConfigError(f"{self.unit!r} is not a unit of a thermometer", fix="give C or F")
+            raise ConfigError(
+                "not a unit of a thermometer", place=Argument("unit", self.unit), fix="give C or F"
+            )
 
     def as_settings(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
@@ -226,7 +228,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     where, regions = inventory.path, inventory.regions
     camera = find_camera(inventory.streams)
     if camera is None:
-        raise ConfigError(f"{where} has no camera", fix="an emissivity needs frames of a camera")
+        raise ConfigError("no camera", place=where, fix="an emissivity needs frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
     foil, reflected_k = _reflected_source(options.reflected, regions, where)
     setup = MeasurementSetup(
@@ -249,7 +251,8 @@ def _require_different_regions(setup: MeasurementSetup) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(
-                f"the region {name} cannot be two of sample, foil and tape",
+                "a region cannot be two of sample, foil and tape",
+                place=name,
                 fix="draw one region on each, and name them",
             )
 
@@ -263,14 +266,17 @@ def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> Measurem
         return replace(setup, thermometer=own[0], channel=own[1])
     if len(chosen) != 1:
         have = ", ".join(info.name for info in thermometers) or "none"
-        raise ConfigError(f"{inventory.path}: which thermometer?", fix=Argument("thermometer") + f": {have}")
+        raise ConfigError(
+            "which thermometer?", place=inventory.path, fix=Argument("thermometer") + f": {have}"
+        )
     (info,) = chosen
     channel = _channel(info, options.channel)
     elsewhere = inventory.other_region_of(info, channel, setup.sample.name)
     if elsewhere and options.channel is None:
         first, region = f"{info.name}:{info.channel_names[channel]}", setup.sample.name
         raise ConfigError(
-            f"no probe is in {region}; {first} is in {elsewhere}",
+            f"no probe is in it; {first} is in {elsewhere}",
+            place=region,
             fix=f"give the one in {region} as " + Argument("channel") + ", or that region its probes",
         )
     return replace(setup, thermometer=info, channel=channel, probe_is_in=elsewhere)
@@ -281,7 +287,8 @@ def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
     reported = float(camera.settings.get("emissivity", 1.0))
     if given is not None and reported not in (1.0, given):
         raise ConfigError(
-            f"the camera reports that it applied {reported:g}, not {given:g}",
+            f"the camera reports that it applied {reported:g}",
+            place=Argument("camera_emissivity", given),
             fix="omit " + Argument("camera_emissivity") + ": an emissivity must not be corrected for twice",
         )
     return reported if given is None else given
@@ -299,7 +306,8 @@ def _reflected_source(
         return one_region(regions, str(reflected), where), math.nan
     if celsius not in TEMPERATURE_C:
         raise ConfigError(
-            f"{reflected} is not a reflected temperature",
+            "not a reflected temperature",
+            place=Argument("reflected", reflected),
             fix=f"give one in °C {TEMPERATURE_C.words}, a foil's region, or free",
         )
     return None, celsius + CELSIUS_ZERO_K
@@ -309,7 +317,7 @@ def _channel(thermometer: StreamInfo, text: str | int | None) -> int:
     channel = 0 if text is None else thermometer.channel(str(text))
     if channel is None:
         have = ", ".join(thermometer.channel_names)
-        raise ConfigError(f"the thermometer has no probe {text!r}", fix=f"it has {have}")
+        raise ConfigError(f"no probe {text!r}", place=thermometer.name, fix=f"it has {have}")
     return channel
 
 
@@ -328,7 +336,9 @@ def band_of(text: str) -> Band:
         band = CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
     if band is not None and all(map(math.isfinite, numbers)) and band.b > 0.0 and band.r > 0.0:
         return band
-    raise ConfigError(f"{text!r} is not a valid band", fix="use 8-14, a file, B,F or R,B,F,O")
+    raise ConfigError(
+        "not a valid band", place=Argument("band", text), fix="use 8-14, a file, B,F or R,B,F,O"
+    )
 
 
 @dataclass

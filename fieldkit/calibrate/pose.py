@@ -54,8 +54,9 @@ class PoseCalibration:
         if ground_m is not None and ground_m >= self.values["height_m"]:
             height = f"{self.values['height_m']:.1f} m"
             raise ConfigError(
-                f"level ground at {ground_m:g} m is not below the camera at {height}",
-                fix="correct " + Argument("ground_m"),
+                f"not below the camera at {height}",
+                place=Argument("ground_m", ground_m),
+                fix="give the height of level ground",
             )
         write_lines(path, [tomlkit.dumps(table).rstrip()])
 

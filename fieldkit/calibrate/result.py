@@ -102,7 +102,8 @@ def stamp(record: CalibrationRecord) -> CalibrationRecord:
     require_name(record.name)
     if not (math.isfinite(record.value) and math.isfinite(record.standard_uncertainty)):
         raise CalibrationError(
-            f"{record.name} would be {record.value:g} ± {record.standard_uncertainty:g}: not determined",
+            f"would be {record.value:g} ± {record.standard_uncertainty:g}: not determined",
+            place=record.name,
             fix="check the standard uncertainties given, and the data: " + Action.CHECK(),
         )
     version = f"fieldkit {__version__}"

@@ -112,7 +112,8 @@ def _one_camera(sessions: Sequence[SessionReader]) -> Instrument:
             f"{camera.model} {camera.serial_number} {camera.range}".strip() for camera in cameras
         )
         raise ConfigError(
-            f"{sessions[0].path.name} is of the camera {first}, {sessions[1].path.name} of {second}",
+            f"of the camera {second}, but {sessions[0].path.name} of {first}",
+            place=sessions[1].path,
             fix="take both views with one camera in one range",
         )
     return cameras[0]

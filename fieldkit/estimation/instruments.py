@@ -221,7 +221,8 @@ def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iter
             yield Source(info, 0, "illuminance", bounds)
         if info.name in settings.measures and info.unit != POWER.stored:
             raise ConfigError(
-                f"irradiance.measures.{info.name}: the stream is in {info.unit}, not in W/m2",
+                f"the stream is in {info.unit}, not in W/m2",
+                place=f"irradiance.measures.{info.name}",
                 fix="name streams in W/m2 only; lux are converted by irradiance.model",
             )
         for channel, component in enumerate(radiation_components(info, settings.measures)):
@@ -247,18 +248,21 @@ def _probes(
         if info.quantity != "temperature":
             have = ", ".join(stream.name for stream in streams.values() if stream.quantity == "temperature")
             raise ConfigError(
-                f"region {region}: {name} measures {info.quantity}, so {probe} is not a contact thermometer",
+                f"{name} measures {info.quantity}, so {probe} is not a contact thermometer",
+                place=f"region {region}",
                 fix=f"thermometers: {have or 'none'}",
             )
         channel = info.channel(text)
         if channel is None:
             raise ConfigError(
-                f"region {region}: {name} has no channel {text!r}",
+                f"{name} has no channel {text!r}",
+                place=f"region {region}",
                 fix=f"correct probes; channels of {name}: {', '.join(info.channel_names)}",
             )
         if air_quantities(info)[channel] == AIR_TEMPERATURE:
             raise ConfigError(
-                f"region {region}: {probe} is named as air temperature, so it is not in the bed",
+                f"{probe} is named as air temperature, so it is not in the bed",
+                place=f"region {region}",
                 fix="correct probes, or give the channel another name in the option labels",
             )
         yield Source(info, channel, "temperature", _bounds(info, settings))
@@ -301,7 +305,8 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
     have = ", ".join(dict.fromkeys(source.info.name for source in sources if source.measures in SUNLIGHT))
     if settings.light_stream and have:  # without any light the frames alone may still be viewed
         raise ConfigError(
-            f"irradiance.stream: {settings.light_stream!r} is not a stream of sunlight",
+            f"{settings.light_stream!r} is not a stream of sunlight",
+            place="irradiance.stream",
             fix=f"streams of sunlight: {have}",
         )
     return None
@@ -319,7 +324,8 @@ def _refuse(source: Source, model: IrradianceModel) -> None:
         )
     if source.measures in ("ghi", "gti"):
         raise ConfigError(
-            f'irradiance.model = "{model.kind}" takes direct light, but {name} measures {source.measures}',
+            f'"{model.kind}" takes direct light, but {name} measures {source.measures}',
+            place="irradiance.model",
             fix=f'omit irradiance.model, or set irradiance.measures.{name} = "dni"',
         )
 
@@ -336,6 +342,7 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
     if model.mounting == "horizontal":
         raise ConfigError(
             f"{name}, but the plane it lies in is not known",
+            place="irradiance.mounting",
             fix='irradiance.mounting = "in-plane" with plane_tilt_deg and plane_azimuth_deg, '
             'or "sun-pointing"',
         )
@@ -349,7 +356,8 @@ def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
     """
     if model.diffuse == "none":
         raise ConfigError(
-            f'{what}, which contains the light of the sky, but irradiance.diffuse = "none"',
+            f'"none", but {what}, which contains the light of the sky',
+            place="irradiance.diffuse",
             fix='irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
         )
     return replace(model, kind="pyranometer")

@@ -56,7 +56,8 @@ def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> 
     for bed in beds:
         if bed not in slopes:
             raise ConfigError(
-                f"{path}: region {bed} has no known slope",
+                f"region {bed} has no known slope",
+                place=path,
                 fix=f"known are {', '.join(slopes) or 'none'}; give tilt_deg",
             )
     return {name: slope for name, slope in slopes.items() if not beds or name in beds}

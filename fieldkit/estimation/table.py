@@ -155,7 +155,8 @@ def _light_model(table: TemperatureTable, model: IrradianceModel) -> IrradianceM
         return pyranometer(replace(model, mounting="horizontal"), "ghi_w_m2 is global light")
     if model.is_direct:
         raise ConfigError(
-            f'irradiance.model = "{model.kind}" takes direct light, but the table has lux',
+            f'"{model.kind}" takes direct light, but the table has lux',
+            place="irradiance.model",
             fix="omit irradiance.model, or give a column irradiance_w_m2 (direct normal)",
         )
     return model

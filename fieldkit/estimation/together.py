@@ -61,14 +61,15 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     """
     for part in parts:
         if not len(part.history):
-            raise ConfigError(f"{part.name} has no minutes", fix="omit it")
+            raise ConfigError("no minutes", place=part.name, fix="omit it")
     parts = sorted(parts, key=lambda part: int(part.history.time_ns[0]))
     for before, after in pairwise(parts):
         _require_later(before, after)
     last = parts[-1]
     if last.settings.model != "learned":
         raise ConfigError(
-            f"{last.name}: only the learned model estimates sessions together",
+            "only the learned model estimates sessions together",
+            place=last.name,
             fix='set estimator.model = "learned"',
         )
     for part in parts[:-1]:
@@ -87,7 +88,8 @@ def _require_later(before: Part, after: Part) -> None:
     end_ns, begin_ns = int(before.history.time_ns[-1]), int(after.history.time_ns[0])
     if begin_ns <= end_ns:
         raise ConfigError(
-            f"{after.name} begins at {_utc(begin_ns)}, before {before.name} ends at {_utc(end_ns)}",
+            f"begins at {_utc(begin_ns)}, before {before.name} ends at {_utc(end_ns)}",
+            place=after.name,
             fix="omit one of them: each minute counts once",
         )
 
@@ -100,12 +102,14 @@ def _require_same_place(part: Part, other: Part) -> None:
     away_m = apart_m(part.site, other.site)
     if part.site.body != other.site.body or away_m > MOST_APART_M:
         raise ConfigError(
-            f"{part.name} and {other.name} are {away_m:.0f} m apart; one place is within {MOST_APART_M:g} m",
+            f"{away_m:.0f} m from {other.name}; one place is within {MOST_APART_M:g} m",
+            place=part.name,
             fix="estimate them one by one, or correct a wrong site.latitude_deg",
         )
     if (mine := _references(part)) != (others := _references(other)):
         raise ConfigError(
-            f"other references: {part.name} has {_words(mine)}, {other.name} {_words(others)}",
+            f"other references: it has {_words(mine)}, {other.name} {_words(others)}",
+            place=part.name,
             fix="state the same names, tilts and azimuths in the campaign, then " + Argument("present", True),
         )
     kinds = {region.name: region for region in other.regions}
@@ -113,8 +117,9 @@ def _require_same_place(part: Part, other: Part) -> None:
         same = kinds.get(region.name, region)
         if region.kind is not same.kind or abs(region.azimuth_deg - same.azimuth_deg) > 1e-6:
             raise ConfigError(
-                f"{region.name} is not the same region in {part.name} and {other.name}: azimuth "
-                f"{region.azimuth_deg:g}° and {same.azimuth_deg:g}°",
+                f"not the same in {part.name} and {other.name}: azimuth {region.azimuth_deg:g}° and "
+                f"{same.azimuth_deg:g}°",
+                place=f"region {region.name}",
                 fix="regions of one name must be one place: rename one of them",
             )
 
@@ -134,7 +139,8 @@ def _words(references: Mapping[str, tuple[float, float]]) -> str:
 def _require_same_settings(part: Part, other: Part) -> None:
     if names := list(_differing("estimator", part.settings, other.settings)):
         raise ConfigError(
-            f"{part.name} and {other.name} differ in {', '.join(names)}",
+            f"differs from {other.name} in {', '.join(names)}",
+            place=part.name,
             fix="give both one value, or those of the campaign: " + Argument("present", True),
         )
 

@@ -105,9 +105,9 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
     dem = None if pose.dem is None else geotiff.read_heights(pose.dem, crs, grid.scale)
     away = _distances_m(camera, table, dem)
     if not np.isfinite(away).any():
-        what = f"the DEM {pose.dem}" if pose.dem else f"level ground at {table.ground_m} m"
         raise NoAnswerError(
-            f"no pixel meets {what} within {table.range_m:g} m of the camera",
+            f"no pixel meets it within {table.range_m:g} m of the camera",
+            place=pose.dem or f"level ground at {table.ground_m} m",
             fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
         )
     points = ground_points(camera, away)
@@ -149,7 +149,9 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
     )
     if rows * cols > MOST_CELLS:
         raise ConfigError(
-            f"cells of {cell_m:g} m make {rows} x {cols} of them", fix="choose a larger " + Argument("cell_m")
+            f"makes {rows} x {cols} cells",
+            place=Argument("cell_m", cell_m),
+            fix="choose a larger " + Argument("cell_m"),
         )
     top = south + rows * cell_m
     flat = np.full((rows, cols), np.nan if pose.ground_m is None else pose.ground_m)

@@ -51,14 +51,18 @@ class Products:
 
     def __post_init__(self) -> None:
         if unknown := [name for name in self.names if name not in NAMES]:
-            raise ConfigError(f"{unknown[0]!r} is not a product", fix=f"choose from {', '.join(NAMES)}")
+            raise ConfigError("not a product", place=repr(unknown[0]), fix=f"choose from {', '.join(NAMES)}")
         if "ptilt" in self.names and not 0.0 < self.limit_deg < 90.0:
             raise ConfigError(
-                "ptilt needs a tilt of 0 to 90 degrees that it is the risk of", fix=Argument("limit_deg", 20)
+                "needs a tilt of 0 to 90 degrees that it is the risk of",
+                place="ptilt",
+                fix=Argument("limit_deg", 20),
             )
         if "rdir" in self.names and not math.isfinite(self.drive_deg):
             raise ConfigError(
-                "rdir needs the direction of the drive, from north, clockwise", fix=Argument("drive_deg", 90)
+                "needs the direction of the drive, from north, clockwise",
+                place="rdir",
+                fix=Argument("drive_deg", 90),
             )
 
 
@@ -221,6 +225,7 @@ def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParamet
     if inertia is None:
         raise NoAnswerError(
             "only the learned model finds a thermal inertia, and the map is of another",
+            place="inertia",
             fix='set estimator.model = "learned", or omit inertia',
         )
     rows, cols = slopes.state.shape

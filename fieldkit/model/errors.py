@@ -140,7 +140,7 @@ class IntegrityError(SessionError):
 class IncompleteError(IntegrityError):
     """A part of a session could not be read; `files` hold the rest."""
 
-    def __init__(self, problem: Text, files: Sequence[Path], *, fix: Text | None = None) -> None:
+    def __init__(self, problem: Text, files: Sequence[Path] = (), *, fix: Text | None = None) -> None:
         super().__init__(problem, fix=fix)
         self.files: tuple[Path, ...] = tuple(files)
 

@@ -144,6 +144,7 @@ def body_of(site: Site) -> Body:
     if body is None:
         raise ConfigError(
             f"no model of the sun and the ground of {site.body!r}",
+            place="site.body",
             fix=f"set site.body to one of {', '.join(BODIES)}",
         )
     return body

@@ -56,7 +56,8 @@ def readable_sources(
 def _require_target(source: Source) -> None:
     if not any(region.kind is RegionKind.TARGET for region in source.regions.columns):
         raise ConfigError(
-            f"{source.path} has no target region to estimate",
+            "no target region to estimate",
+            place=source.path,
             fix=Action.ADD_REGION() + " in its campaign, then " + Argument("present", True),
         )
 

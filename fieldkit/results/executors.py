@@ -148,7 +148,8 @@ def dask(address: str) -> Iterator[Executor]:
         client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"no Dask scheduler replies at {address}: {error}",
+            f"no Dask scheduler replies: {error}",
+            place=address,
             fix="start one: dask scheduler, and dask worker ADDRESS",
         ) from error
     with client:
@@ -182,14 +183,16 @@ def _refuse_other_versions(versions: dict[str, str]) -> None:
         raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
     if without := [worker for worker, version in versions.items() if not version]:
         raise RefusedError(
-            f"the Dask worker {without[0]} cannot import fieldkit",
+            "cannot import fieldkit",
+            place=f"Dask worker {without[0]}",
             fix=f"install {DISTRIBUTION} {__version__} and the same libraries in that worker's environment",
         )
     other = {worker: version for worker, version in versions.items() if version != code_version()}
     if other:
         worker, version = next(iter(other.items()))
         raise RefusedError(
-            f"the Dask worker {worker} has fieldkit {version}, here is {code_version()}",
+            f"has fieldkit {version}, here is {code_version()}",
+            place=f"Dask worker {worker}",
             fix="install the same fieldkit and libraries there; slopes would not be comparable",
         )
 

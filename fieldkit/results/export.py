@@ -78,7 +78,9 @@ def export(
     ['20160101T190001Z-noon-camera-regions.csv', '20160101T190001Z-noon-lux.csv']
     """
     if to not in EXPORTS:
-        raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
+        raise ConfigError(
+            "not a kind of export", place=Argument("to", to), fix=f"use one of {', '.join(EXPORTS)}"
+        )
     chosen = EXPORTS[to]
     options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
     _refuse_unused(to, {**options, "begin": begin, "until": until})
@@ -92,7 +94,8 @@ def export(
             files, problems = _write(opened, target, chosen, used)
         except OSError as error:
             raise StorageError(
-                f"cannot write into {target}: {error.strerror or error}",
+                f"cannot write: {error.strerror or error}",
+                place=target,
                 fix="name a folder that can be written and has room",
             ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
@@ -119,10 +122,13 @@ def _between_ns(session: SessionReader, begin: str | None, until: str | None) ->
     start = first if begin is None else _moment(begin, first, last)
     end = last if until is None else _moment(until, first, last)
     if begin and until and start > end:
-        raise ConfigError("the end lies before the start", fix="the earlier time is " + Argument("begin"))
+        raise ConfigError(
+            "lies before the start", place=Argument("until", until), fix="give it as " + Argument("begin")
+        )
     if start > last or end < first:
         raise ConfigError(
-            f"no sample lies then: the session lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}",
+            f"no sample lies then: it lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}",
+            place=session.path,
             fix="give times of the session",
         )
     return (

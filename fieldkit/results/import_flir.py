@@ -148,7 +148,8 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
 def _refuse_another(path: Path, number: int, stored: FlirFrame, first: FlirFrame) -> None:
     if stored.counts.shape != first.counts.shape or stored.constants != first.constants:
         raise ConfigError(
-            f"{path}: frame {number} has another size or other constants than the first",
+            f"frame {number} has another size or other constants than the first",
+            place=path,
             fix="import the parts one by one",
         )
 

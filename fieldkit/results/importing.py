@@ -273,8 +273,9 @@ def _with_site(
     """Site of the recording, and the recording with a warning if only the campaign states that."""
     if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
         raise ConfigError(
-            f"the recording states the place {_coordinates(recording.site)}, not {_coordinates(site)}",
-            fix="omit " + Argument("site"),
+            f"{_coordinates(site)}, but the recording states {_coordinates(recording.site)}",
+            place=Argument("site"),
+            fix="omit it",
         )
     place = site or recording.site
     if place is not None:
@@ -366,7 +367,7 @@ def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str
     used_options = [field.name for field in fields(options) if getattr(options, field.name) != field.default]
     if without_effect := [Argument(field) for field in used_options if field in unused]:
         names = Sentence.listing(without_effect)
-        raise ConfigError(f"{source} is {name}: " + names + " would have no effect", fix="omit " + names)
+        raise ConfigError(f"is {name}: " + names + " would have no effect", place=source, fix="omit " + names)
 
 
 def _is_flir(source: Path) -> bool:
@@ -394,7 +395,11 @@ def _is_stills(source: Path) -> bool:
 def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
     per_count = options.kelvin_per_count
     if per_count is None and options.kelvin_at_zero:
-        raise ConfigError(Argument("kelvin_at_zero") + " has no effect", fix=Argument("kelvin_per_count"))
+        raise ConfigError(
+            "has no effect alone",
+            place=Argument("kelvin_at_zero"),
+            fix="add " + Argument("kelvin_per_count"),
+        )
     scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
     name = options.name or "camera"
     return stills.read_stills(source, scale, name=name, unit=options.unit, **_frame_times(options))

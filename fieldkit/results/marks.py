@@ -74,6 +74,7 @@ def _mark_named(session: SessionReader, name: int | str) -> tuple[int, Event]:
     if len(numbers) > 1:
         raise ConfigError(
             f"{len(numbers)} marks have the text {name!r}",
+            place=session.path,
             fix=f"give a number: {', '.join(map(str, numbers))}",
         )
     return numbers[0], marks[numbers[0]]

@@ -141,9 +141,11 @@ def report(
         require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
     if len(paths) > 1 and kind == ".png":
-        raise ConfigError("an image is of one session", fix="name one session, or a file.html")
+        raise ConfigError("an image is of one session", place=out, fix="name one session, or a file.html")
     if options.palette is not None and kind != ".png":
-        raise ConfigError("only an image has a palette", fix="name a .png, or omit " + Argument("palette"))
+        raise ConfigError(
+            "only an image has a palette", place=Argument("palette"), fix="name a .png, or omit it"
+        )
     if len(paths) == 1:
         pages = _report_session(paths[0], page, options, notify)
     else:

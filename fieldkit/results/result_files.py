@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import platform
@@ -20,7 +19,7 @@ from fieldkit.model.errors import ConfigError, FieldkitError, StorageError, mess
 from fieldkit.results.cache import PACKAGES, code_version
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sources import Source
-from fieldkit.sessions.formats.tables_out import as_text
+from fieldkit.sessions.formats.tables_out import as_text, write_csv
 
 Columns = Mapping[str, Sequence[Any]]
 ENDINGS = (".csv", ".parquet", ".json")
@@ -50,8 +49,8 @@ def writing(out: Path) -> Iterator[None]:
         out.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
-        why = error.strerror or error
-        raise StorageError(f"cannot write {out}: {why}", fix="name another place") from error
+        problem = f"cannot write: {error.strerror or error}"
+        raise StorageError(problem, place=out, fix="name another place") from error
 
 
 def write_results(
@@ -122,22 +121,16 @@ def _about(document: Path) -> dict[str, Any]:
 
 def _write_table(base: Path, columns: Columns) -> list[Path]:
     table, parquet = (base.with_name(f"{base.name}{ending}") for ending in (".csv", ".parquet"))
-    _write_csv(table, columns)
+    # every digit of an estimate, so that the same runs give the same bytes
+    write_csv({name: map(_cell, column) for name, column in columns.items()}, table)
     if find_spec("pyarrow") is None:
         return [table]
     _write_parquet(parquet, columns)
     return [table, parquet]
 
 
-def _write_csv(path: Path, columns: Columns) -> None:
-    """A header and a row for each place of the columns; what is not known is empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(as_text, columns))
-        writer.writerows([_cell(value) for value in row] for row in zip(*columns.values(), strict=True))
-
-
 def _cell(value: Any) -> Any:
+    """The value as a cell of CSV; what is not known is empty."""
     if isinstance(value, str):
         return as_text(value)
     return "" if isinstance(value, float) and math.isnan(value) else value

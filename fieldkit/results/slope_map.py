@@ -179,8 +179,8 @@ class MappedSession:
         """The error for frames that do not match their checksum; the map was made without them."""
         if not self.damaged:
             return None
-        text = f"{self.path}: {self.damaged} frames do not match their checksum; the map is made without them"
-        return IntegrityError(text, fix=Action.CHECK(self.path))
+        text = f"{self.damaged} frames do not match their checksum; the map is made without them"
+        return IntegrityError(text, place=self.path, fix=Action.CHECK(self.path))
 
     def by_region(self) -> list[MappedRegion]:
         """Each region of the map in numbers."""
@@ -441,7 +441,8 @@ def _map_session(
     chosen = _window(minutes, estimates, window)
     if not len(chosen):
         raise NoAnswerError(
-            f"{session.path}: no minute has frames, reference, sun and steady irradiance",
+            "no minute has frames, reference, sun and steady irradiance",
+            place=session.path,
             fix=Action.CHECK() + " shows what is missing; " + Argument("window", "all") + " uses all of it",
         )
     is_instant = len(chosen) < LEAST_MINUTES

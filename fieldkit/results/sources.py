@@ -128,7 +128,9 @@ def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSche
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
     checks = check_regions(regions, frame_shapes(tuple(session.streams.values())))
     if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
-        raise ConfigError("; ".join(failures), fix="draw them again on the session's frames")
+        raise ConfigError(
+            "; ".join(failures), place=session.path, fix="draw them again on the session's frames"
+        )
     return RegionSchedule.of(regions)
 
 
@@ -143,15 +145,16 @@ def config_for(session: SessionReader, settings: Settings = (), *, present: bool
     if session.config_toml and not present:
         return config_from_text(session.config_toml, session.path, settings=settings)
     try:
-        return load_config(find_campaign(session.path.resolve().parent), settings=settings)
+        campaign_file = find_campaign(session.path.resolve().parent)
     except ConfigError as error:
-        if session.config_toml or "no fieldkit.toml" not in error.message:
+        if session.config_toml:
             raise
         raise ConfigError(
             "no configuration of its own (it was imported), and no campaign is around it",
             place=session.path,
             fix="put it into recordings/ of a campaign, and draw regions there: " + Action.ADD_REGION(),
         ) from error
+    return load_config(campaign_file, settings=settings)
 
 
 def _site_settings(site: Site) -> tuple[str, ...]:
@@ -181,7 +184,8 @@ def qualified_key(name: str) -> str:
     if names:
         raise ConfigError("ambiguous", place=name, fix=f'qualify it: estimate({{"{names[0]}": ...}})')
     raise ConfigError(
-        f"no parameter of an estimate is called {name}",
+        "not a parameter of an estimate",
+        place=name,
         fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',
     )
 

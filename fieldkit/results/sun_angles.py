@@ -52,9 +52,9 @@ def moment(at: datetime | str) -> datetime:
     try:
         time = datetime.fromisoformat(at) if isinstance(at, str) else at
     except ValueError as error:
-        raise ConfigError(f"{at!r} is not a time", fix="write it as 2017-08-30T12:00+09:00") from error
+        raise ConfigError("not a time", place=repr(at), fix="write it as 2017-08-30T12:00+09:00") from error
     if time.tzinfo is None:
-        raise ConfigError(f"{at!r} has no zone", fix="add its offset from UTC: 2017-08-30T12:00+09:00")
+        raise ConfigError("has no zone", place=str(at), fix="add its offset from UTC: 2017-08-30T12:00+09:00")
     return time
 
 

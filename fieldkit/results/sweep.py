@@ -152,7 +152,9 @@ def runs_of(sources: Sequence[Source], grid: Grid, estimate: Estimate) -> list[R
         tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
         if tried[0].key == tried[1].key:
             tables = "surface, air, irradiance, estimator, slab, site"
-            raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
+            raise ConfigError(
+                "does not enter an estimate", place=parameter.key, fix=f"keys that do: of {tables}"
+            )
     others = [run for run in runs if f"{PRIOR}={OTHERS}" in grid.sets[run.number]]
     taught = {(run.source.path, run.number): run for run in _taught(others, grid, estimate)} if others else {}
     return [taught.get((run.source.path, run.number), run) for run in runs]
@@ -182,10 +184,11 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
     """
     from fieldkit.estimation.carried import carry_over, keys  # takes a second
 
+    by_others = f"{PRIOR}={OTHERS}"
     if len({run.source.path for run in runs}) < 2:
-        raise ConfigError("prior=others needs two sessions or more", fix="name the other sessions too")
+        raise ConfigError("needs two sessions or more", place=by_others, fix="name the other sessions too")
     if any(run.settings.model != "learned" for run in runs):
-        raise ConfigError("prior=others needs the learned model", fix='set estimator.model = "learned"')
+        raise ConfigError("needs the learned model", place=by_others, fix='set estimator.model = "learned"')
     outcomes = list(estimate([_learning(run) for run in runs]))
     for run in runs:
         others = [
@@ -266,7 +269,8 @@ def _grid(parameters: Sequence[Parameter]) -> Grid:
         unknown = set(parameter.values) - {CONFIGURED, OTHERS}
         if parameter.key == PRIOR and unknown:
             raise ConfigError(
-                f"{PRIOR}={sorted(unknown)[0]}: a prior is {CONFIGURED} or taken from {OTHERS}",
+                f"a prior is {CONFIGURED} or taken from {OTHERS}",
+                place=f"{PRIOR}={sorted(unknown)[0]}",
                 fix=f"write {PRIOR}={CONFIGURED},{OTHERS}",
             )
     return Grid(tuple(parameters))
@@ -275,7 +279,9 @@ def _grid(parameters: Sequence[Parameter]) -> Grid:
 def _parameter(key: str, values: Sequence[Any]) -> Parameter:
     """A key and its values as ``fieldkit.toml`` would have them."""
     if isinstance(values, str) or not hasattr(values, "__len__") or not len(values):
-        raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
+        raise ConfigError(
+            f"{values!r} is not a list of values", place=key, fix="write it as [0.15, 0.20, 0.25]"
+        )
     plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
     texts = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
     return Parameter(key, tuple(dict.fromkeys(texts)))
@@ -297,7 +303,8 @@ def _parse_setting(setting: str) -> Parameter:
 def _stepped_values(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
     if step <= 0 or high < low or (high - low) / step > MOST_VALUES:
         raise ConfigError(
-            f"{setting}: {low} to {high} in steps of {step} is not a valid range",
+            f"{low} to {high} in steps of {step} is not a valid range",
+            place=setting,
             fix="use LOW:HIGH:STEP with STEP above 0",
         )
     return [format(low + count * step, "f") for count in range(int((high - low) / step) + 1)]

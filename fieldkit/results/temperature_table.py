@@ -69,7 +69,8 @@ def _filled_rows(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int,
         refuse_swallowed(path, reader.line_num, (cell or "" for cell in row.values()), len(row), ",")
         if surplus:
             raise ConfigError(
-                f"{path}, line {reader.line_num} has more cells than columns",
+                "more cells than columns",
+                place=_line(path, reader.line_num),
                 fix="write decimals with a point, not a comma, and no comma after the last cell",
             )
         yield reader.line_num, row
@@ -82,7 +83,8 @@ def _refuse_repeated(path: Path, names: Sequence[str]) -> None:
         quantity = f"{name[:-2]}_k" if name.endswith("_c") else name
         if quantity in columns:
             raise ConfigError(
-                f"{path}: the columns {columns[quantity]} and {name} are of the same quantity",
+                f"the columns {columns[quantity]} and {name} are of the same quantity",
+                place=path,
                 fix="give each column a name of its own, or remove one of them",
             )
         columns[quantity] = name
@@ -107,24 +109,30 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
     ]
     if missing:
         raise ConfigError(
-            f"{path}: missing columns: {'; '.join(missing)}",
+            f"missing columns: {'; '.join(missing)}",
+            place=path,
             fix=f"the first line names the columns; found: {', '.join(names) or 'none'}",
         )
     return columns
 
 
+def _line(path: Path, line: int) -> str:
+    return f"{path}, line {line}"
+
+
 def _time_ns(path: Path, line: int, row: Row) -> int:
     text, fix = (row["time"] or "").strip(), "write times like 2017-08-30T12:00:00+09:00"
+    place = _line(path, line)
     try:
         time = datetime.fromisoformat(text)
     except ValueError:
         time = None
     if time is None or time.utcoffset() is None:
-        raise ConfigError(f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone", fix=fix)
+        raise ConfigError(f"time '{text}' is not ISO 8601 with a zone", place=place, fix=fix)
     try:
         return utc_ns(time)
     except ValueError as error:
-        raise ConfigError(f"{path}, line {line}: time '{text}': {error}", fix=fix) from error
+        raise ConfigError(f"time '{text}': {error}", place=place, fix=fix) from error
 
 
 def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:
@@ -134,8 +142,11 @@ def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArra
         try:
             values[index] = float(cell) if cell else np.nan
         except ValueError as error:
-            message = f"{path}, line {line}: {name} '{cell}' is not a number"
-            raise ConfigError(message, fix="leave a missing value empty") from error
+            raise ConfigError(
+                f"{name} '{cell}' is not a number",
+                place=_line(path, line),
+                fix="leave a missing value empty",
+            ) from error
     return values
 
 
@@ -146,7 +157,8 @@ def _flags(path: Path, rows: Sequence[tuple[int, Row]]) -> IntArray:
     if wrong.size:
         line, row = rows[wrong[0]]
         raise ConfigError(
-            f"{path}, line {line}: flags '{(row['flags'] or '').strip()}' is not a sum of flags",
+            f"flags '{(row['flags'] or '').strip()}' is not a sum of flags",
+            place=_line(path, line),
             fix="add the values of Quality, such as 2048 for shaded, or leave the cell empty",
         )
     return values.astype(np.int64)

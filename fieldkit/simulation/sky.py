@@ -68,7 +68,8 @@ class MeasuredSky:
         if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
             span = day.time_ns[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
             raise ConfigError(
-                f"the weather was measured from {span[0]} to {span[1]} UTC, not at the scene's time",
+                f"measured from {span[0]} to {span[1]} UTC, not at the scene's time",
+                place=day.source,
                 fix="let the scene start on that day",
             )
         return SkyState(
@@ -84,7 +85,8 @@ class MeasuredSky:
         has_value = np.isfinite(column)
         if not has_value.any():
             raise ConfigError(
-                f"{self.weather.source} has no {name}, which a simulated field needs",
+                f"no {name}, which a simulated field needs",
+                place=self.weather.source,
                 fix="use a day of SURFRAD, whose stations measure it",
             )
         start_ns = self.weather.time_ns[0]

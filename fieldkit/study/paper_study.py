@@ -301,7 +301,7 @@ def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], d
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise StorageError(
-            f"cannot write into {folder}: {error.strerror}", fix="give another " + Argument("out")
+            f"cannot write: {error.strerror}", place=folder, fix="give another " + Argument("out")
         ) from error
 
 

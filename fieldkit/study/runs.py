@@ -124,7 +124,8 @@ def conditions(options: StudyOptions, start: time) -> Conditions:
     dni, longwave, air = _weather(options, times, sun)
     if not (np.all(sun[:, 2] > 0.0) and np.all(dni > 0.0)):
         raise NoAnswerError(
-            f"no direct sunlight all the time from {local.isoformat()} on",
+            "no direct sunlight all the time",
+            place=f"from {local.isoformat()} on",
             fix="choose another day or start",
         )
     return Conditions(sun, dni, longwave, air)

@@ -71,10 +71,15 @@ def _export(
 
 
 def _csv(columns: Columns, path: Path) -> None:
+    write_csv({name: _cells(column) for name, column in columns.items()}, path)
+
+
+def write_csv(columns: Mapping[str, Iterable[Any]], path: Path) -> None:
+    """Write cells by column as a header and rows."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(map(as_text, columns))
-        writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+        writer.writerows(zip(*columns.values(), strict=True))
 
 
 def _cells(column: NDArray[Any]) -> Iterable[Any]:
