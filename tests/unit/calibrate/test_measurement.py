@@ -24,7 +24,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at, steps
 
 CAMERA = StreamInfo("camera", "brightness_temperature", "K", (6, 9), scale=0.01)
 PROBES = StreamInfo("thermometer", "temperature", "K", (3,), channels=("sand", "tape", "air"))
@@ -117,7 +117,7 @@ def test_an_emissivity_that_the_camera_applied_is_undone():
     told = replace(CAMERA, settings={"emissivity": 0.9})
     assert made(told, PROBES).camera_emissivity == 0.9
     assert made(told, PROBES, camera_emissivity=0.9).camera_emissivity == 0.9
-    with pytest.raises(ConfigError, match=r"0\.9.*0\.8") as refused:
+    with pytest.raises(ConfigError, match=r"0\.9", check=at(Argument("camera_emissivity", 0.8))) as refused:
         made(told, PROBES, camera_emissivity=0.8)
     assert Argument("camera_emissivity") in steps(refused.value)
 
@@ -155,7 +155,7 @@ def test_a_reflected_temperature_may_be_given_or_left_to_the_fit(reflected, kelv
 
 
 def test_nothing_usable_is_said_so():
-    with pytest.raises(CalibrationError, match="no usable frames"):
+    with pytest.raises(CalibrationError, match="frames"):
         ReadingCollector(made()).readings()
     collector = ReadingCollector(made())
     collector.add(frame(0))
@@ -166,12 +166,12 @@ def test_nothing_usable_is_said_so():
 @pytest.mark.parametrize(
     ("streams", "given", "said"),
     [
-        ((PROBES,), {}, "has no camera"),
-        ((CAMERA,), {}, "which thermometer"),
-        ((CAMERA, PROBES, replace(PROBES, name="second")), {}, "which thermometer"),
-        ((CAMERA, PROBES), {"region": "gravel"}, "no region 'gravel'"),
-        ((CAMERA, PROBES), {"reflected": "mirror"}, "no region 'mirror'"),
-        ((CAMERA, PROBES), {"band": "1,2,3"}, "is not a valid band"),
+        ((PROBES,), {}, "no camera"),
+        ((CAMERA,), {}, "thermometer"),
+        ((CAMERA, PROBES, replace(PROBES, name="second")), {}, "thermometer"),
+        ((CAMERA, PROBES), {"region": "gravel"}, "'gravel'"),
+        ((CAMERA, PROBES), {"reflected": "mirror"}, "'mirror'"),
+        ((CAMERA, PROBES), {"band": "1,2,3"}, "band='1,2,3'"),
     ],
 )
 def test_what_cannot_be_set_up_is_refused(streams, given, said):
@@ -222,13 +222,13 @@ def test_a_reflected_temperature_that_is_none_is_refused(reflected):
 @pytest.mark.parametrize("given", [{"tape": "sand"}, {"reflected": "sand"}, {"tape": "foil"}])
 def test_a_region_is_not_compared_with_itself(given):
     """Sand that is its own tape of 0.95 has an emissivity of 0.950, whatever it is."""
-    with pytest.raises(ConfigError, match="cannot be two of sample, foil and tape"):
+    with pytest.raises(ConfigError, match="sample, foil"):
         made(**given)
 
 
 @pytest.mark.parametrize("band", ["-5,1", "nan,1", "0,1", "-1,1428,1,0", "1428,inf", "1,2,3"])
 def test_constants_that_no_camera_has_are_refused(band):
-    with pytest.raises(ConfigError, match="not a valid band"):
+    with pytest.raises(ConfigError, check=at(Argument("band", band))):
         band_of(band)
 
 
@@ -255,10 +255,12 @@ def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen():
 
 
 def test_a_region_without_a_probe_is_not_given_that_of_another():
-    with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
+    with pytest.raises(ConfigError, check=at("foil", Argument("channel"))):
         made(probes=IN_REGIONS, region="foil", reflected=-40.0)
 
 
 def test_a_probe_of_another_region_is_noted():
     setup = made(probes=IN_REGIONS, channel="tape")
-    assert setup.remarks == ("the probe tape is in tape, not in sand, by its probes",)
+    (remark,) = setup.remarks
+    assert "tape" in remark
+    assert "sand" in remark

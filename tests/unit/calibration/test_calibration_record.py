@@ -26,7 +26,7 @@ from fieldkit.calibration.uncertainty import Contribution
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Argument
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at, steps
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
 SAND = CalibrationRecord(
@@ -63,7 +63,7 @@ def test_a_reader_without_fieldkit_finds_value_uncertainty_and_origin():
     assert document["expanded_uncertainty"] == pytest.approx(0.030)
     assert document["coverage_factor"] == 2
     assert document["sources"][0]["sha256"] == "ab" * 32
-    assert document["budget"][0]["name"] == "probe to skin temperature"
+    assert document["budget"][0]["name"] == SAND.budget[0].name
 
 
 def test_what_is_not_known_is_left_out_and_comes_back_unknown():
@@ -104,7 +104,7 @@ def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
         save(record, tmp_path)
     assert find("dry-silica-sand", tmp_path)[0].value == 0.93
     assert find("20261210T013000Z-dry-silica-sand", tmp_path)[0].value == 0.915
-    with pytest.raises(ConfigError, match="no calibration named 'sand'") as missing:
+    with pytest.raises(ConfigError, match="'sand'", check=at(tmp_path)) as missing:
         find("sand", tmp_path)
     assert "dry-silica-sand" in (missing.value.fix or "")
 
@@ -169,7 +169,9 @@ def test_age_and_mismatch_are_warnings(streams, days, said):
 def test_a_scale_of_another_surface_model_is_a_warning():
     scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details={"model": "paper"})
     (told,) = model_warnings(scale, "learned", "eq10")
-    assert told == "beds is the scale of the paper model, not of learned: calibrate surface again"
+    assert told.startswith("beds ")
+    assert "paper" in told
+    assert "learned" in told
     assert model_warnings(scale, "paper", "eq10") == []
     assert model_warnings(replace(scale, details={}), "learned", "") == []  # older records do not state it
 
@@ -180,10 +182,8 @@ def test_a_scale_for_other_light_is_a_warning():
     scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details=details)
     assert model_warnings(scale, "paper", details["irradiance"]) == []
     (told,) = model_warnings(scale, "paper", "pyranometer")
-    assert told == (
-        "beds is the scale for light by eq10 /0.44, diffuse 15%, horizontal, not by pyranometer: "
-        "calibrate surface again"
-    )
+    assert details["irradiance"] in told
+    assert "pyranometer" in told
 
 
 def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
@@ -193,7 +193,8 @@ def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
     )
     assert record_warnings(of_lux, [CAMERA, replace(LUX, name="light")], EARLIER) == []
     (told,) = record_warnings(of_lux, [CAMERA], EARLIER)
-    assert told == "roof was made with LX-1128SD, which is not connected"
+    assert told.startswith("roof ")
+    assert "LX-1128SD" in told
 
 
 def test_a_record_without_an_instrument_fits_any():
@@ -221,9 +222,9 @@ def test_a_record_without_an_instrument_fits_any():
 def test_a_record_changed_by_hand_names_the_key_that_cannot_be(written, by_hand, key):
     text = to_toml(SAND)
     assert written in text
-    with pytest.raises(ConfigError, match=f"sand.toml is not a calibration record: {key}: ") as refused:
+    with pytest.raises(ConfigError, match=rf": {key}: ", check=at("sand.toml")) as refused:
         from_toml(text.replace(written, by_hand, 1), "sand.toml")
-    assert refused.value.fix == f"correct {key} in it, or calibrate again"
+    assert key in str(refused.value.fix)
 
 
 def test_of_a_kind_the_latest_of_a_name_is_found(tmp_path):
@@ -260,7 +261,7 @@ def test_a_disk_that_is_full_leaves_no_part_of_a_record(tmp_path, monkeypatch):
     with monkeypatch.context() as full:
         full.setattr(Path, "write_bytes", half)
         full.setattr(Path, "write_text", lambda path, text, **_: half(path, text.encode()))
-        with pytest.raises(StorageError, match="No space left") as refused:
+        with pytest.raises(StorageError, match="space", check=at(tmp_path / SAND.file_name)) as refused:
             save(SAND, tmp_path)
     assert refused.value.fix
     assert not any(tmp_path.iterdir())

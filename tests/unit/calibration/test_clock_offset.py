@@ -92,10 +92,10 @@ def test_a_whole_clear_day_determines_the_clock_to_seconds_but_for_level_and_haz
     times, lux, _ = clear_day(SITES["Sagamihara"], "2017-12-11", 3.5)
     found = offset_from_sun(times, lux, SITES["Sagamihara"])
     assert abs(found.offset_s) < 10.0
-    effects = {line.name: abs(line.effect) for line in found.budget}
-    assert effects["law of a clear sky"] < 10.0
+    effects = {line.name.split()[0]: abs(line.effect) for line in found.budget}
+    assert effects["law"] < 10.0
     # half a degree to the east moves noon, 15 degrees an hour, by about two minutes
-    assert 90.0 < effects["level of the meter"] < 300.0
+    assert 90.0 < effects["level"] < 300.0
 
 
 def test_scatter_moves_the_clock_by_what_the_budget_says():
@@ -108,7 +108,7 @@ def test_scatter_moves_the_clock_by_what_the_budget_says():
         scatter = np.repeat(draw.normal(0.0, 0.01, times.size // 5 + 1), 5)[: times.size]
         found.append(offset_from_sun(times[high], (lux * np.exp(scatter))[high], site))
     stated = np.mean([abs(one.budget[0].effect) for one in found])
-    assert found[0].budget[0].name == "scatter of the light"
+    assert found[0].budget[0].kind == "A"
     assert 0.3 < np.std([one.offset_s for one in found]) / stated < 1.5
 
 
@@ -142,7 +142,7 @@ def test_a_sun_that_stays_low_is_refused_for_that_reason():
 
 def test_light_that_tells_no_time_is_refused(light):
     times, lux, site = light
-    with pytest.raises(CalibrationError, match="less than an hour"):
+    with pytest.raises(CalibrationError, match="hour"):
         offset_from_sun(times[:30], lux[:30], site)
     broken = lux * np.random.default_rng(1).uniform(0.4, 1.0, lux.size)
     with pytest.raises(CalibrationError, match="scatters by"):
@@ -159,7 +159,7 @@ def test_a_receivers_times_give_their_median_and_its_own_doubt():
 
 def test_a_clock_that_was_stepped_in_between_and_no_moment_at_all_are_refused():
     own = np.arange(100) * 1_000_000_000
-    with pytest.raises(CalibrationError, match="one was stepped"):
+    with pytest.raises(CalibrationError, match=r"\+0 to \+3600 s"):
         offset_from_times(own, own + np.where(own > own[50], 3_600_000_000_000, 0), 0.4, "receiver")
     with pytest.raises(CalibrationError, match="both clocks"):
         offset_from_times(own[:0], own[:0], 0.4, "receiver")

@@ -81,14 +81,14 @@ def test_clouded_minutes_are_left_out():
 
 def test_a_dark_offset_is_told():
     plane = np.linspace(200.0, 800.0, 200)
-    assert "misses the origin by" in light_factor((plane + 60.0) / 0.0091, plane).remarks[0]
+    assert "the origin" in light_factor((plane + 60.0) / 0.0091, plane).remarks[0]
 
 
 def test_too_little_and_what_does_not_go_together_is_refused():
     plane = np.linspace(300.0, 600.0, 100)
-    with pytest.raises(CalibrationError, match="only 5 steady minutes"):
+    with pytest.raises(CalibrationError, match="only 5 "):
         light_factor(plane[:5] / 0.009, plane[:5])
-    with pytest.raises(CalibrationError, match="the instruments disagree"):
+    with pytest.raises(CalibrationError, match=r"\d+ of 100"):
         light_factor(plane[::-1] / 0.009, plane)  # as with a wrong zone: rising beside falling
 
 
@@ -123,7 +123,7 @@ def test_a_clock_that_is_wrong_is_not_taken_for_a_factor(hours, wrong_min):
     time_ns, light, late = beside(hours, wrong_min)
     lag_s = clock_lag_s(time_ns, light, DAY.time_ns, late)
     assert lag_s == pytest.approx(60.0 * wrong_min, abs=120.0)
-    with pytest.raises(CalibrationError, match="the clocks differ") as refused:
+    with pytest.raises(CalibrationError) as refused:
         refuse_shifted_clocks(lag_s)
     assert steps(refused.value) == [Action.CALIBRATE("clock")]
 

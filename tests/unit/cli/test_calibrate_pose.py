@@ -64,9 +64,9 @@ def test_marks_twice_as_uncertain_give_a_pose_twice_as_uncertain(tmp_path, table
         (str, (*OPTIONS[:-2],), "--ground-m, --dem"),
         (str, (*OPTIONS, "--frame", "160"), "columns x rows"),
         (str, (*OPTIONS, "--frame", "0x120"), "columns x rows"),
-        (lambda text: text.replace("354602.0", "nan"), OPTIONS, "row 2 has a number that is not finite"),
+        (lambda text: text.replace("354602.0", "nan"), OPTIONS, "row 2: "),
         (str, (*OPTIONS, "--range-m", "-5"), "range_m"),
-        (str, (*OPTIONS[:-1], "500"), "level ground at 500 m is not below the camera"),
+        (str, (*OPTIONS[:-1], "500"), "--ground-m 500"),
         (str, (*OPTIONS, "--distortion", "0.1,nan,0,0,0"), "five numbers"),
     ],
 )

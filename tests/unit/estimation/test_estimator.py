@@ -20,6 +20,17 @@ def run(yard, samples, settings=None) -> list[Minute]:
     return closed + estimator.finish()
 
 
+def with_frames(yard, samples, change, after_min=0.0):
+    """Samples with other counts of the frames from a minute on: by what they were and the minutes since."""
+    begin_ns = yard.start_ns + round(after_min * MINUTE_NS)
+    return [
+        s._replace(counts=change(s.counts, (s.time_ns - begin_ns) / MINUTE_NS).astype(np.uint16))
+        if isinstance(s, Frame) and s.time_ns >= begin_ns
+        else s
+        for s in samples
+    ]
+
+
 def by_name(minute: Minute) -> dict:
     return {estimate.region: estimate for estimate in minute.estimates}
 
@@ -51,6 +62,8 @@ def test_a_minute_tells_what_was_measured(yard, an_hour):
     assert minute.contact_k[0] == pytest.approx(304.15)
     assert np.isnan(minute.contact_k[1])
     assert minute.pixels == {"flat": 315, "b08": 315, "b17": 315, "b25": 315}
+    # 9:00 local, S = 800, Ta = 303.15, L = 400 on the flat bed: 318.655 K (independent reference)
+    assert an_hour[0].temperature_k["flat"] == pytest.approx(318.655, abs=0.02)
     # eq. (7) at the sun of that minute, through emissivity 0.90 and a sky of 233.15 K and back
     assert minute.temperature_k["flat"] == pytest.approx(an_hour[9].temperature_k["flat"] + 0.08, abs=0.08)
     assert minute.time_ns // MINUTE_NS == yard.start_ns // MINUTE_NS + 10
@@ -63,11 +76,6 @@ def test_a_region_below_its_horizon_is_flagged_and_the_others_are_as_they_were(y
     assert found["b17"].flags & Quality.SHADED
     assert np.isnan(found["b17"].tilt_deg)
     assert repr(found["b08"]) == repr(plain["b08"])
-
-
-def test_surface_temperature_is_corrected_for_emissivity_and_sky(yard, an_hour):
-    # 9:00 local, S = 800, Ta = 303.15, L = 400 on the flat bed: 318.655 K (independent reference)
-    assert an_hour[0].temperature_k["flat"] == pytest.approx(318.655, abs=0.02)
 
 
 def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
@@ -93,15 +101,10 @@ def test_contours_find_the_beds_within_their_regions(yard):
 
 
 def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
-    states = {
-        azimuth: [
-            minute.estimates[0].state
-            for minute in run(
-                yard, yard.samples(4), EstimatorSettings(model="paper", azimuth=azimuth, min_minutes=2)
-            )
-        ]
-        for azimuth in ("known", "free")
-    }
+    states = {}
+    for azimuth in ("known", "free"):
+        settings = EstimatorSettings(model="paper", azimuth=azimuth, min_minutes=2)
+        states[azimuth] = [minute.estimates[0].state for minute in run(yard, yard.samples(4), settings)]
     few, ok = SlopeState.TOO_FEW, SlopeState.UNCERTAIN  # two minutes find a tilt, within a wide region
     assert states["known"] == [few, ok, ok, ok]
     assert states["free"][:2] == [few, few]
@@ -255,7 +258,7 @@ def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
     ]
     minute = last_of(replace(yard, streams=(yard.streams[0], whole)), samples)
     assert minute.dni_w_m2 == pytest.approx(800.0, rel=1e-3)
-    assert minute.irradiance_model == "pyranometer, diffuse 15%, horizontal"
+    assert minute.irradiance_model.split(", ") == ["pyranometer", "diffuse 15%", "horizontal"]
     by_lux = last_of(yard, yard.samples(21))
     for one, other in zip(minute.estimates, by_lux.estimates, strict=True):
         assert one.tilt_deg == pytest.approx(other.tilt_deg, abs=1e-6)
@@ -299,16 +302,10 @@ def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
 
 def test_regions_follow_a_camera_that_moved(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
-    moved_at = yard.start_ns + 6 * MINUTE_NS
-    shifted = [
-        s._replace(counts=np.roll(s.counts, (3, 2), (0, 1)))
-        if isinstance(s, Frame) and s.time_ns >= moved_at
-        else s
-        for s in samples
-    ]
+    shifted = with_frames(yard, samples, lambda counts, _: np.roll(counts, (3, 2), (0, 1)), after_min=6)
     minutes, still = run(yard, shifted), run(yard, samples)
-    seen = [event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED]
-    assert [event.text for event in seen] == ["the camera moved: regions corrected by 3.6 px"]
+    (event,) = (event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED)
+    assert "3.6 px" in event.text
     assert not any(minute.flags & Quality.MOVED for minute in minutes)
     for minute, same in zip(minutes, still, strict=True):
         assert minute.temperature_k == same.temperature_k  # the very pixels that were drawn
@@ -346,13 +343,7 @@ def test_minutes_in_which_regions_are_lost_change_no_slope(yard, model, to_deg):
 def test_frozen_picture_is_seen_without_the_drivers_help(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     first = next(s for s in samples if isinstance(s, Frame))
-    still = [
-        s._replace(counts=first.counts)
-        if isinstance(s, Frame) and s.time_ns >= yard.start_ns + 5 * MINUTE_NS
-        else s
-        for s in samples
-    ]
-    minutes = run(yard, still)
+    minutes = run(yard, with_frames(yard, samples, lambda *_: first.counts, after_min=5))
     assert [bool(minute.flags & Quality.FROZEN) for minute in minutes] == [False] * 6 + [True] * 6
 
 
@@ -361,25 +352,22 @@ def test_late_samples_are_left_out_and_counted(yard):
     late = samples.pop(3)
     minutes = run(yard, [*samples, late])
     assert minutes[-1].time_ns == last_of(yard, samples).time_ns
-    late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events]
-    assert late_notice == ["1 samples arrived more than 2 s late and were excluded from the estimates"]
+    (late_notice,) = (e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events)
+    assert late_notice.startswith("1 samples")
+    assert "2 s late" in late_notice
 
 
 def test_no_reference_is_said_in_words(yard):
     bare = replace(yard, beds=yard.beds[1:])
     found = last_of(bare, bare.samples(6)).estimates[0]
     assert found.state == SlopeState.NO_DATA
-    assert found.reason == "no reference region"
+    assert "reference" in found.reason
 
 
 def test_known_offset_of_a_region_is_taken_out(yard):
     settings = EstimatorSettings(model="paper", window_s=3600.0)
-    warm = [
-        s._replace(counts=np.where(yard.beds[1].mask((60, 80)), s.counts + 100, s.counts).astype(np.uint16))
-        if isinstance(s, Frame)
-        else s
-        for s in yard.samples(61)
-    ]
+    mask = yard.beds[1].mask((60, 80))
+    warm = with_frames(yard, yard.samples(61), lambda counts, _: counts + 100 * mask)
     spoilt = by_name(last_of(yard, warm, settings))["b08"]
     # offsets are of brightness: a kelvin of it is 1.06 K of a surface of emissivity 0.9 under a cold sky
     mended = by_name(last_of(yard, warm, replace(settings, offsets_k={"b08": 1.0})))["b08"]
@@ -397,7 +385,7 @@ def test_camera_with_a_law_of_its_own_gives_the_same_temperatures(yard):
     camera = replace(yard.streams[0], scale=math.nan, law="planck", settings=constants)
     other = replace(yard, streams=(camera, *yard.streams[1:]))
     samples = yard.samples(12)
-    own = [s._replace(counts=to_counts(s.counts)) if isinstance(s, Frame) else s for s in samples]
+    own = with_frames(yard, samples, lambda counts, _: to_counts(counts))
     for one, same in zip(run(yard, samples), run(other, own), strict=True):
         for name, kelvin in one.temperature_k.items():
             assert same.temperature_k[name] == pytest.approx(kelvin, abs=0.1)  # a count is 0.08 K here
@@ -429,17 +417,16 @@ def test_window_is_halved_until_one_slope_explains_it(yard):
     assert last.window_start_ns >= yard.start_ns + 40 * MINUTE_NS
 
 
+def drifting(yard, beds):
+    """105 minutes in which beds grow warmer by 2 K an hour from the 70th on."""
+    mask = np.any([bed.mask((60, 80)) for bed in beds], axis=0)
+    samples = replace(yard, noise_k=0.05).samples(105)
+    return with_frames(yard, samples, lambda counts, m: counts + mask * round(m / 60.0 * 200), after_min=70)
+
+
 def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
     """One bed grows warmer by 2 K an hour from the 70th minute on: seen within half an hour."""
-    mask, samples = yard.beds[2].mask((60, 80)), replace(yard, noise_k=0.05).samples(105)
-    creeping = []
-    for sample in samples:
-        minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
-        if isinstance(sample, Frame) and minutes > 0.0:
-            warmer = np.where(mask, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
-            sample = sample._replace(counts=warmer.astype(np.uint16))
-        creeping.append(sample)
-    minutes = run(yard, creeping)
+    minutes = run(yard, drifting(yard, yard.beds[2:3]))
     seen = [by_name(minute)["b17"] for minute in minutes]
     first = next(index for index, one in enumerate(seen) if "alone deviates" in one.reason)
     assert 70 < first <= 100
@@ -451,13 +438,6 @@ def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
 
 def test_no_drift_is_reported_where_all_regions_drift_together(yard):
     """The same drift on every bed is the reference's or the camera's, not one region's."""
-    beds = np.any([bed.mask((60, 80)) for bed in yard.beds[1:]], axis=0)
-    drifting = []
-    for sample in replace(yard, noise_k=0.05).samples(105):
-        minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
-        if isinstance(sample, Frame) and minutes > 0.0:
-            warmer = np.where(beds, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
-            sample = sample._replace(counts=warmer.astype(np.uint16))
-        drifting.append(sample)
-    reasons = [one.reason for minute in run(yard, drifting) for one in minute.estimates]
+    minutes = run(yard, drifting(yard, yard.beds[1:]))
+    reasons = [slope.reason for minute in minutes for slope in minute.estimates]
     assert not any("alone deviates" in reason for reason in reasons)

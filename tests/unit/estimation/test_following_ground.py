@@ -158,7 +158,6 @@ def test_a_trajectory_of_another_time_is_the_reason_for_no_slope(model):
         estimator.add(Frame("camera", time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
     (bed,) = estimator.finish()[-1].estimates
     assert bed.state is SlopeState.NO_DATA
-    assert "the regions were lost in all frames" in bed.reason
     assert bed.flags & Quality.MOVED
 
 
@@ -205,7 +204,8 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     flagged = [[bool(flag & Quality.MOVED) for flag in entry.region_flags] for entry, _ in closed]
     assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[True, True]] * 2
     assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
-    said = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
-    ends = "the trajectory has no pose of this time: regions are lost, such minutes enter no slope"
-    assert [text for text in said if "corrected" not in text] == ["right left the frame and is lost", ends]
-    assert said[0] == "the camera moved: regions corrected by 2.5 px"  # half a minute after the first frame
+    texts = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
+    assert "2.5 px" in texts[0]  # half a minute after the first frame
+    lost, ends = (text for text in texts if "corrected" not in text)
+    assert lost.startswith("right ")
+    assert "trajectory" in ends

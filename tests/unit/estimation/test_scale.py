@@ -99,7 +99,7 @@ def test_known_beds_determine_steepness_but_not_its_split():
     assert found.steepness_sd / true < 0.006
     # on the split the data contain less than an independent thermometer would: a third of the prior is left
     assert found.share_sd > 0.03
-    assert "separately cannot be determined" in found.summary
+    assert not found.share_is_prior
 
 
 def test_split_that_data_do_not_tell_is_called_the_priors():
@@ -108,11 +108,10 @@ def test_split_that_data_do_not_tell_is_called_the_priors():
     flat = surface_temperature(800.0 * rays[:, 2], 400.0, 303.15, PAPER)
     found = identify(target, flat, 800.0 * (rays @ (bed - VERTICAL)), 0.1, (PAPER.alpha, PAPER.beta))
     assert found.share_is_prior
-    assert "the prior, not the data" in found.summary
 
 
 def test_identification_refuses_beds_like_the_reference():
-    with pytest.raises(CalibrationError, match="differ too little"):
+    with pytest.raises(CalibrationError, match="exchange"):
         identify(np.full(9, 300.1), np.full(9, 300.0), np.full(9, 3.0), 0.1, (PAPER.alpha, PAPER.beta))
 
 

@@ -20,6 +20,7 @@ from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, project
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.results.slope_map import MappedSession
 from fieldkit.sessions.formats import geotiff
+from tests.harness.next_steps import at
 
 POSE = """
 crs = "EPSG:32654"
@@ -163,7 +164,7 @@ def test_a_dem_that_holds_no_heights_in_the_poses_system_says_what_to_do(tmp_pat
 def test_a_tile_that_ends_at_the_place_gives_no_level_horizon(tmp_path):
     """On its western edge nothing is known of the ground to the west, which may be a mountain."""
     write_dem(tmp_path / "dem.tif", np.zeros((120, 220)), west=354500.0, north=3936260.0)
-    with pytest.raises(ConfigError, match=r"no heights beyond the place in \d+ of 360 directions"):
+    with pytest.raises(ConfigError, match=r"\d+ of 360", check=at(tmp_path / "dem.tif")):
         horizon_from_dem(tmp_path / "dem.tif", "EPSG:32654", 354500.5, 3936200.5)
 
 
@@ -246,7 +247,7 @@ def test_a_pose_that_is_not_at_the_site_is_refused(crs, east_m, north_m, lies_at
     site = Site(35.5587, 139.3952, 9.0)
     at_home = geotiff.projected_crs("EPSG:32654")
     geotiff.require_near(site, at_home, 354_600.0, 3_936_200.0)
-    with pytest.raises(ConfigError, match=r"the site at 35\.5587, 139\.3952") as error:
+    with pytest.raises(ConfigError, match=r"35\.5587, 139\.3952") as error:
         geotiff.require_near(site, geotiff.projected_crs(crs), east_m, north_m)
     assert lies_at is None or lies_at in error.value.message
 
@@ -330,8 +331,8 @@ def test_slopes_on_level_ground_give_its_relief(tmp_path):
         (POSE.replace("EPSG:32654", "EPSG:4326") + "ground_m = 0.0", "not a projected system"),
         (POSE.replace("32654", "32653") + 'dem = "dem.tif"', "gdalwarp"),
         (POSE + 'dem = "none.tif"', "cannot read the DEM"),
-        (POSE.replace("3936200", "3836200") + 'dem = "dem.tif"', "no pixel meets the DEM"),
-        (POSE.replace("-25.0", "40.0") + "ground_m = 100.0", "no pixel meets level ground"),
+        (POSE.replace("3936200", "3836200") + 'dem = "dem.tif"', "dem.tif: no pixel"),
+        (POSE.replace("-25.0", "40.0") + "ground_m = 100.0", "level ground at"),
     ],
 )
 def test_poses_that_lead_nowhere_say_why(tmp_path, dem, text, words):
@@ -367,7 +368,7 @@ def test_a_wrong_quaternion_or_lens_is_named(tmp_path, line, words):
 
 
 def test_a_map_of_a_camera_that_moved_is_not_put_on_the_ground():
-    with pytest.raises(NoAnswerError, match="one pose cannot place"):
+    with pytest.raises(NoAnswerError, check=at(Path("a.h5"))):
         MappedSession.on_ground(SimpleNamespace(has_moved=True, path=Path("a.h5")), None)
 
 
@@ -420,10 +421,10 @@ def test_a_wrong_trajectory_is_named_with_its_line(tmp_path, name, text, words):
 @pytest.mark.parametrize("off_ns", [-1_000_000_000, 11_000_000_000])
 def test_a_time_outside_the_trajectory_has_no_pose(tmp_path, off_ns):
     (tmp_path / "run.tum").write_text(TUM)
-    with pytest.raises(ConfigError, match="from 2016-01-01T19:00:00Z to 2016-01-01T19:00:10Z, none of"):
+    with pytest.raises(ConfigError, match="2016-01-01T19:00:00Z to 2016-01-01T19:00:10Z"):
         pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "run.tum"'), START_NS + off_ns)
 
 
 def test_a_pose_is_given_once(tmp_path):
-    with pytest.raises(ConfigError, match="both trajectory and east_m"):
+    with pytest.raises(ConfigError, match="trajectory and east_m"):
         pose_of(pose_file(tmp_path, f'{STOPPED}east_m = 1.0\ntrajectory = "run.tum"'))

@@ -125,7 +125,7 @@ def test_the_sun_crosses_half_a_degree_of_the_moons_sky_in_an_hour():
 def test_a_body_without_a_model_is_named_with_those_that_have_one():
     with pytest.raises(ConfigError, match="'venus'") as found:
         body_of(Site(0.0, 0.0, body="venus"))
-    assert "earth, mars, moon" in str(found.value.fix)
+    assert str(found.value.fix).endswith(", ".join(BODIES))
     with pytest.raises(ConfigError):
         sun_angles(0, Site(0.0, 0.0, body="venus"))
 

@@ -13,6 +13,7 @@ from fieldkit.estimation.learned.inputs import air_unlogged_k, sky_longwave
 from fieldkit.ground.terrain_products import suns_of_day
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.site import Site
 from fieldkit.model.slope import CERTAIN
 from fieldkit.model.units import HOUR_NS
@@ -23,6 +24,7 @@ from fieldkit.recording.experiments import Experiments, _model
 from fieldkit.recording.plan import plan
 from fieldkit.recording.record import record
 from fieldkit.sessions.reader import open_session
+from tests.harness.next_steps import at
 
 JEZERO = {"latitude_deg": 18.44, "longitude_deg": 77.45, "elevation_m": -2600.0, "body": "mars"}
 MORNING = datetime(2024, 6, 1, 17, 50, tzinfo=UTC)  # 11 h of local true solar time
@@ -48,7 +50,9 @@ def test_slopes_of_a_simulated_half_hour_on_mars_lie_in_their_regions(tmp_path):
     slopes = session.estimate().final  # from the file alone: the body comes with the session
     for slope, truth in zip(slopes.values(), (5, 15, 25), strict=True):
         assert slope.tilt_low_deg <= truth <= slope.tilt_high_deg
-    with pytest.raises(ConfigError, match="of mars; the clock is found by the light under the Earth's air"):
+    with pytest.raises(
+        ConfigError, match="on mars", check=at(session.path, Argument("gps"), Action.HOST_CLOCK())
+    ):
         clock(session.path)
 
 
@@ -67,7 +71,7 @@ def test_surface_and_air_default_to_those_of_the_world(tmp_path):
     assert settings.body == "mars"
     assert settings.surface.exchange_w_m2_k == pytest.approx(1.0)
     assert settings.slab.thermal_inertia == pytest.approx(250.0)
-    assert settings.irradiance.label == "efficacy 97.5 lm/W, diffuse 42%, horizontal"
+    assert settings.irradiance.label.split(", ") == ["efficacy 97.5 lm/W", "diffuse 42%", "horizontal"]
     own = load_config(tmp_path / "fieldkit.toml", settings=["surface.albedo=0.31"])
     assert own.surface_parameters().albedo == 0.31
 
@@ -122,12 +126,12 @@ def test_a_session_planned_on_mars_has_what_is_known_of_mars():
     assert (session.settings.body, session.settings.prior.exchange_w_m2_k) == ("mars", 1.0)
     lull, usual = _model(session).exchange.at(np.array([0.0, session.sky.wind_m_s]))
     assert 0.0 < lull < usual == 1.0
-    assert "on a simulated clear day; measured" in Experiments(session, ()).table.caption
+    assert "; measured" in Experiments(session, ()).table.caption
 
 
 def test_a_plan_on_mars_has_the_noon_of_mars_in_its_middle():
     made = plan(Site(**JEZERO), "2024-06-01", [(15.0, 180.0)])
     elevation = made.day_plan.elevation_deg
     assert abs(int(elevation.argmax()) - elevation.size / 2) < 60
-    assert made.irradiance == "clear season of Mars"
+    assert made.irradiance.endswith("Mars")
     assert made.day_plan.dni_w_m2.max() < 590.0

@@ -147,11 +147,11 @@ def test_whoever_leaves_or_dies_is_not_waited_for(clock):
 
     def dies():
         clock.sleep(1.0)
-        raise ValueError("out of order")
+        raise ValueError("broken")
 
     crew.hire("dies", dies)
     crew.hire("goes on", lambda: clock.sleep(1000.0))
-    with pytest.raises(AssertionError, match="out of order"):
+    with pytest.raises(AssertionError, match="broken"):
         crew.work()
     assert clock.mono_ns() == START_MONO_NS + 1000 * SECOND_NS
 
@@ -201,7 +201,7 @@ def test_failure_of_an_instrument_is_told_to_whoever_waits(clock, caplog):
 
     clock.call_at(START_MONO_NS + SECOND_NS, fail)
     for _ in range(2):
-        with pytest.raises(RuntimeError, match="simulated instrument failed") as caught:
+        with pytest.raises(RuntimeError) as caught:
             clock.sleep(10.0)
         assert isinstance(caught.value.__cause__, ZeroDivisionError)
     assert "failed" in caplog.text

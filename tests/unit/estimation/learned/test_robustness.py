@@ -130,7 +130,8 @@ def test_a_region_that_never_comes_is_named():
     drawn = world(8)
     never = with_nan(drawn.history, slice(None), "temperature_k", columns=3)
     found = last(never, drawn.regions, drawn.settings).slopes
-    assert {one.reason for one in found} == {"no minute yet with temperatures of all regions"}
+    assert {one.state for one in found} == {SlopeState.NO_DATA}
+    assert all("all regions" in one.reason for one in found)
 
 
 def test_light_that_comes_late_starts_the_chain_then():
@@ -145,17 +146,17 @@ def test_light_that_comes_late_starts_the_chain_then():
 def test_before_any_minute_and_with_few():
     drawn = world(6)
     none = last(drawn.history.until(0), drawn.regions, drawn.settings)
-    assert {(slope.state, slope.reason) for slope in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
+    assert {(slope.state, slope.n_bins) for slope in none.slopes} == {(SlopeState.NO_DATA, 0)}
     few = last(drawn.history.until(4), drawn.regions, drawn.settings)
-    reasons = {(slope.state, slope.reason.partition(";")[0]) for slope in few.slopes}
-    assert reasons == {(SlopeState.TOO_FEW, "4 of 5 minutes so far")}
+    reasons = {(slope.state, slope.reason[:6]) for slope in few.slopes}
+    assert reasons == {(SlopeState.TOO_FEW, "4 of 5")}
 
 
 def test_no_reference_no_target_one_target():
     drawn = world(8)
     flat, bed, *_ = drawn.regions
     bare = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, 1:2], region_flags=ZEROS)
-    assert last(bare, [bed], drawn.settings).slopes[0].reason == "no reference region"
+    assert last(bare, [bed], drawn.settings).slopes[0].reason.startswith("no reference")
     alone = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, :1], region_flags=ZEROS)
     assert last(alone, [flat], drawn.settings).slopes == ()
     two = replace(
@@ -235,7 +236,8 @@ def test_a_slope_beyond_the_tilt_limit_is_not_relied_on(azimuth):
     assert_sound(found, tilt_limit_deg=10.0)
     assert found.slopes[0].state in WITH_A_SLOPE
     steep = found.slopes[2]
-    assert (steep.state, steep.reason) == (SlopeState.NO_INTERSECTION, "no tilt up to 10° fits")
+    assert steep.state is SlopeState.NO_INTERSECTION
+    assert "10°" in steep.reason
 
 
 def test_temperatures_of_another_world_are_survived():
@@ -290,9 +292,7 @@ def test_a_failing_solution_is_a_state_not_an_exception(monkeypatch):
         patched.setattr(Learner, "add", fails)  # no measured values are known that do
         found = chain.at(drawn.history.until(7))
     assert {one.state for one in found.slopes} == {SlopeState.NO_DATA}
-    assert {one.reason for one in found.slopes} == {
-        "the estimate failed numerically; it starts anew with the next minute"
-    }
+    assert all("failed numerically" in one.reason for one in found.slopes)
     assert_sound(chain.at(drawn.history))
 
 

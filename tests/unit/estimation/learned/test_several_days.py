@@ -29,7 +29,7 @@ def test_after_a_night_the_reason_is_that_of_the_new_day():
     later = replace(a_day_later(day), temperature_k=np.full_like(day.temperature_k, np.nan))
     chain = SlopeChain(world.regions, replace(world.settings, model="learned"))
     for one in chain.at(join([day, later])).slopes:
-        assert one.reason == "no temperatures of the reference yet"
+        assert one.reason.endswith("reference yet")
         assert one.window_start_ns == later.time_ns[0]
 
 
