@@ -8,24 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fieldkit.calibrate import measurement
 from fieldkit.calibrate.inputs import open_to_calibrate, write_lines
-from fieldkit.calibrate.measurement import (
-    Inventory,
-    MeasurementOptions,
-    MeasurementSetup,
-    ReadingCollector,
-    measurement_setup,
-)
 from fieldkit.calibrate.result import Calibration, make_record
+from fieldkit.calibration import steady_pairs
 from fieldkit.calibration.calibration_record import instrument_of
 from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties, fit_emissivity
-from fieldkit.calibration.steady_pairs import (
-    Readings,
-    pairs_of,
-    refuse_other_bed,
-    refuse_shifted_clocks,
-    steady_intervals,
-)
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning
 from fieldkit.views.calibration_figure import emissivity_figure
@@ -44,7 +32,7 @@ class EmissivityCalibration(Calibration):
 
     fit: Emissivity
     pairs: Pairs
-    setup: MeasurementSetup
+    setup: measurement.MeasurementSetup
 
     def plot(self) -> Figure:
         """The pairs with the fitted line, and the error budget."""
@@ -64,7 +52,7 @@ def emissivity(
     sample: str,
     region: str | None = None,
     reflected: str | float | None = None,
-    options: MeasurementOptions | None = None,
+    options: measurement.MeasurementOptions | None = None,
     settings: Settings = (),
     notify: Callable[[str], None] = log_warning,
 ) -> EmissivityCalibration:
@@ -106,7 +94,7 @@ def emissivity(
     >>> fieldkit.calibrate.emissivity(session, sample="dry-sand", reflected="b05")
     <EmissivityCalibration: emissivity 0.900 ± 0.032 (k=2)   band 8-14 um, flat   residual 0.03 K   n=4 ...>
     """
-    options = options or MeasurementOptions()
+    options = options or measurement.MeasurementOptions()
     options = replace(
         options,
         region=region or options.region,
@@ -115,12 +103,12 @@ def emissivity(
     with open_to_calibrate(session, settings, notify) as (opened, config):
         probes = config.estimator_settings().probes
         regions = opened.regions or config.regions
-        inventory = Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
-        setup = measurement_setup(inventory, options)
-        collector = ReadingCollector(setup)
+        inventory = measurement.Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
+        setup = measurement.measurement_setup(inventory, options)
+        collector = measurement.ReadingCollector(setup)
         for entry in opened.samples():
             collector.add(entry)
-        pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
+        pairs, remarks = steady_pairs.pairs_of(steady_pairs.steady_intervals(_checked_readings(collector)))
         fit = _fit(pairs, setup)
         fit = replace(fit, remarks=(*setup.remarks, *remarks, *fit.remarks))
         record = make_record(
@@ -144,16 +132,16 @@ def emissivity(
         return EmissivityCalibration(record, summary, used_by, config.calibration, fit, pairs, setup)
 
 
-def _checked_readings(collector: ReadingCollector) -> Readings:
+def _checked_readings(collector: measurement.ReadingCollector) -> steady_pairs.Readings:
     """The readings; raises `CalibrationError` if clocks or probe and region do not fit together."""
     readings, setup = collector.readings(), collector.setup
     if setup.tape is None:
-        refuse_shifted_clocks(readings)
-        refuse_other_bed(readings, collector.other_probes_k(), setup.probe_name)
+        steady_pairs.refuse_shifted_clocks(readings)
+        steady_pairs.refuse_other_bed(readings, collector.other_probes_k(), setup.probe_name)
     return readings
 
 
-def _fit(pairs: Pairs, setup: MeasurementSetup) -> Emissivity:
+def _fit(pairs: Pairs, setup: measurement.MeasurementSetup) -> Emissivity:
     options = setup.options
     shared = SharedUncertainties(
         camera_k=options.camera_sd_k,
@@ -174,7 +162,7 @@ def _fit(pairs: Pairs, setup: MeasurementSetup) -> Emissivity:
     )
 
 
-def _details(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> dict[str, Any]:
+def _details(found: Emissivity, pairs: Pairs, setup: measurement.MeasurementSetup) -> dict[str, Any]:
     """Details of a record of this kind beside value and budget; temperatures in °C."""
     if setup.foil is not None:
         reflected_by = "foil, ISO 18434-1"
@@ -198,7 +186,7 @@ def _celsius(kelvin: Any) -> list[float]:
     return [round(float(value_k) - CELSIUS_ZERO_K, 3) for value_k in kelvin]
 
 
-def _summary(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> str:
+def _summary(found: Emissivity, pairs: Pairs, setup: measurement.MeasurementSetup) -> str:
     coldest, warmest = pairs.contact_k.min() - CELSIUS_ZERO_K, pairs.contact_k.max() - CELSIUS_ZERO_K
     return (
         f"emissivity {found.value:.3f} ± {found.expanded:.3f} (k=2)   band {setup.band.label}   "

@@ -12,13 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from fieldkit.calibrate.measurement import (
-    Inventory,
-    MeasurementOptions,
-    MeasurementSetup,
-    ReadingCollector,
-    measurement_setup,
-)
+from fieldkit.calibrate import measurement
 from fieldkit.calibration.emissivity import MIN_SPAN_K
 from fieldkit.calibration.ranges import require_name
 from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_intervals
@@ -51,7 +45,7 @@ def record_emissivity(
     campaign: str | Path = ".",
     *,
     sample: str,
-    options: MeasurementOptions | None = None,
+    options: measurement.MeasurementOptions | None = None,
     settings: Settings = (),
     on_minute: Callable[[str], None] = lambda line: None,
     notify: Notify = log_warning,
@@ -92,7 +86,7 @@ def record_emissivity(
     """
     config = load_config(find_campaign(Path(campaign)), settings=(*BURSTS, *settings_from(settings)))
     stopping = threading.Event()
-    with prepare_emissivity(config, sample, options or MeasurementOptions(), notify) as prepared:
+    with prepare_emissivity(config, sample, options or measurement.MeasurementOptions(), notify) as prepared:
         view = prepared.view(on_minute, stopping.set)
         recording = prepared.recording.run([view], stopping=stopping)
     if recording.summary.failure is not None:
@@ -105,7 +99,7 @@ class PreparedMeasurement:
     """A recording for an emissivity that can start: instruments open and checked."""
 
     recording: PreparedRecording
-    setup: MeasurementSetup
+    setup: measurement.MeasurementSetup
 
     @property
     def steps(self) -> str:
@@ -123,27 +117,27 @@ class PreparedMeasurement:
         """A view of the recording that reports every minute, and calls `stop` when there is enough."""
         span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
         temperatures = self.setup.options.temperatures
-        return SteadyView(ReadingCollector(self.setup), on_minute, stop, temperatures, span_k)
+        return SteadyView(measurement.ReadingCollector(self.setup), on_minute, stop, temperatures, span_k)
 
 
 @contextmanager
 def prepare_emissivity(
-    config: Config, sample: str, options: MeasurementOptions, notify: Notify = log_warning
+    config: Config, sample: str, options: measurement.MeasurementOptions, notify: Notify = log_warning
 ) -> Iterator[PreparedMeasurement]:
     """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
     require_name(sample)
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, RecordOptions(name=sample, duration_s=duration_s), notify) as recording:
         probes = config.estimator_settings().probes
-        inventory = Inventory(config.path, recording.instruments.streams, config.regions, probes)
-        yield PreparedMeasurement(recording, measurement_setup(inventory, options))
+        inventory = measurement.Inventory(config.path, recording.instruments.streams, config.regions, probes)
+        yield PreparedMeasurement(recording, measurement.measurement_setup(inventory, options))
 
 
 @dataclass
 class SteadyView:
     """A view of the recording that reports every minute how steady the surface is, and ends it when done."""
 
-    collector: ReadingCollector
+    collector: measurement.ReadingCollector
     on_minute: Callable[[str], None]
     stop: Callable[[], None]
     wanted: int

@@ -17,32 +17,10 @@ import numpy as np
 from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.instant import with_along_sun
-from fieldkit.estimation.learned.inputs import (
-    BRIDGED_MINUTES,
-    Recorded,
-    can_start,
-    first_row,
-    minute_inputs,
-    minutes_between,
-    recorded_session,
-    shade,
-)
+from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.learned.readout import (
-    MOST_MISFIT,
-    KnownSlope,
-    Moments,
-    Surprise,
-    autocorrelation,
-    cause,
-    known_slope,
-    learnt_parameters,
-    misfit,
-    moments,
-    surprise,
-)
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import blank_estimate, budgets, kelvin_per_degree, slopes
@@ -216,7 +194,7 @@ class SlopeChain:
 
 def rows_after_gaps(history: History) -> list[int]:
     """Rows that follow a gap too long to be bridged: the learned model begins anew there."""
-    gaps: list[int] = (np.flatnonzero(np.diff(history.minute) > BRIDGED_MINUTES) + 1).tolist()
+    gaps: list[int] = (np.flatnonzero(np.diff(history.minute) > inputs.BRIDGED_MINUTES) + 1).tolist()
     return gaps
 
 
@@ -244,8 +222,8 @@ class _Group:
         self._columns, self._targets, self._settings = columns, columns.targets, settings
         self._layout = Layout.of(columns, columns.targets, settings)
         self._learner: Learner | None = None
-        self._found: list[KnownSlope] = []
-        self._moments = Moments((), np.empty(0), np.empty((0, 0)))
+        self._found: list[readout.KnownSlope] = []
+        self._moments = readout.Moments((), np.empty(0), np.empty((0, 0)))
         self._errors: tuple[FloatArray, FloatArray] = np.empty((0, 0)), np.empty((0, 0))
         self._first = 0
         self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
@@ -266,40 +244,42 @@ class _Group:
 
     def _take_last(self, history: History) -> None:
         row = len(history) - 1
-        if row and history.minute[row] - history.minute[row - 1] > BRIDGED_MINUTES:
+        if row and history.minute[row] - history.minute[row - 1] > inputs.BRIDGED_MINUTES:
             self._learner, self._first = None, row
-        learner, shaded = self._learner, shade(history, self._layout)
+        learner, shaded = self._learner, inputs.shade(history, self._layout)
         if learner is not None:
             # shade that is known only now lay over minutes that were taken without it
             if not np.array_equal(shaded[self._first : -1], self._shade):
-                learner.reshade(minutes_between(history, self._first, row, self._layout, self._settings))
+                learner.reshade(
+                    inputs.minutes_between(history, self._first, row, self._layout, self._settings)
+                )
             start = int(history.minute[self._first])
-            learner.add(minute_inputs(history, row, self._layout, self._settings, learner.last, start))
-        elif can_start(history, row, self._layout):
+            learner.add(inputs.minute_inputs(history, row, self._layout, self._settings, learner.last, start))
+        elif inputs.can_start(history, row, self._layout):
             self._first = row
             regions = self._columns.regions
-            session = recorded_session(history, row, row + 1, self._layout, regions, self._settings)
+            session = inputs.recorded_session(history, row, row + 1, self._layout, regions, self._settings)
             self._learner = Learner(self._layout, self._settings, [session])
         self._read(shaded)
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
         """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
         history = history.only(self._places)
-        sessions: list[Recorded] = []
+        sessions: list[inputs.Recorded] = []
         for first, end in pairwise([*starts, len(history)]):
             session = history.at(slice(first, end))
-            row = first_row(session, self._layout)
+            row = inputs.first_row(session, self._layout)
             if row is None:
                 continue
             if not sessions:
                 self._first = first + row
             regions, end = self._columns.regions, len(session)
-            sessions.append(recorded_session(session, row, end, self._layout, regions, self._settings))
+            sessions.append(inputs.recorded_session(session, row, end, self._layout, regions, self._settings))
         try:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions)
                 self._learner.draw_for_all()
-            self._read(shade(history, self._layout))
+            self._read(inputs.shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True
 
@@ -308,8 +288,8 @@ class _Group:
         if self._learner is not None:
             self._shade = shaded[self._first :]
             self._errors = _errors(self._learner)
-            self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
-            self._moments = moments(self._learner)
+            self._found = [readout.known_slope(self._learner, index) for index in range(self._targets.size)]
+            self._moments = readout.moments(self._learner)
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
@@ -361,7 +341,7 @@ class _Group:
             return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
         return self._with_state(filled, slope, index)
 
-    def _with_state(self, filled: SlopeEstimate, slope: KnownSlope, index: int) -> SlopeEstimate:
+    def _with_state(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
         if slope.second is not None:
             tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.second))
@@ -403,20 +383,24 @@ class _Group:
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         # the reference's errors too: every slope rests on it
-        worst = misfit(self._errors[1])[[0, self._layout.references + index]].max()
-        if worst <= MOST_MISFIT:
+        worst = readout.misfit(self._errors[1])[[0, self._layout.references + index]].max()
+        if worst <= readout.MOST_MISFIT:
             return ""
-        question = cause(learner.minutes, self._surprise(learner))
-        return f"no slope explains the minutes (misfit {worst:.1f}, at most {MOST_MISFIT:g}): {question}"
+        question = readout.cause(learner.minutes, self._surprise(learner))
+        return (
+            f"no slope explains the minutes (misfit {worst:.1f}, at most {readout.MOST_MISFIT:g}): {question}"
+        )
 
     def _unusual(self) -> str:
         """The learnt parameter that nothing usual explains, in words; "" if there is none."""
         learner = self._learner
         unusual = None if learner is None else self._surprise(learner)
-        return f"{unusual}: {cause(learner.minutes, unusual)}" if learner and unusual else ""
+        return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if learner and unusual else ""
 
-    def _surprise(self, learner: Learner) -> Surprise | None:
-        return surprise(self._moments, self._settings, prior_sds(self._settings, learner.logged_inputs))
+    def _surprise(self, learner: Learner) -> readout.Surprise | None:
+        return readout.surprise(
+            self._moments, self._settings, prior_sds(self._settings, learner.logged_inputs)
+        )
 
     def _advice(self, index: int, half_deg: float) -> str:
         """The measurement that would narrow a tilt most, known to `half_deg`."""
@@ -450,9 +434,9 @@ class _Group:
         names = [self._columns.regions[column].name for column in self._layout.columns]
         kelvin, standard = self._errors
         return Learnt(
-            learnt_parameters(learner, self._moments),
+            readout.learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),
-            dict(zip(names, autocorrelation(standard).tolist(), strict=True)),
+            dict(zip(names, readout.autocorrelation(standard).tolist(), strict=True)),
             _mean_square(standard),
         )
 

@@ -17,14 +17,7 @@ from numpy.typing import ArrayLike
 
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.light_meter import Diffuse, Kind, Mounting
-from fieldkit.physics.daylight import (
-    diffuse_fraction_erbs,
-    diffuse_fraction_of_beam,
-    extraterrestrial,
-    ground_view,
-    perez_efficacy,
-    sky_view,
-)
+from fieldkit.physics import daylight
 from fieldkit.physics.facet import VERTICAL, normal
 
 
@@ -44,7 +37,9 @@ class DiffuseModel(NamedTuple):
 DIFFUSE_MODELS: Mapping[Diffuse, DiffuseModel] = {
     "none": DiffuseModel("no diffuse", 0.03),
     "fraction": DiffuseModel("diffuse {:.0%}", 0.05),
-    "erbs": DiffuseModel("Erbs diffuse", 0.04, diffuse_fraction_erbs, diffuse_fraction_of_beam),
+    "erbs": DiffuseModel(
+        "Erbs diffuse", 0.04, daylight.diffuse_fraction_erbs, daylight.diffuse_fraction_of_beam
+    ),
 }
 """Another model of the sky is one more row, with its formulas in `daylight`, and its name in `Diffuse`."""
 
@@ -160,7 +155,7 @@ def direct_normal(
     if model.is_direct:
         return np.where(rays[:, 2] > 0.0, reading, np.nan)
     per_beam, per_sky = shares_on_plane(model, rays)
-    top = extraterrestrial(time_ns)
+    top = daylight.extraterrestrial(time_ns)
     beam = _beam(model, reading, per_beam, per_sky, rays[:, 2], top)
     if model.kind != "pyranometer":
         return beam
@@ -194,8 +189,8 @@ def shares_on_plane(model: IrradianceModel, sun: FloatArray) -> tuple[FloatArray
     usable = np.where((sun[:, 2] > 0.0) & (cosine >= LOWEST_COSINE), cosine, np.nan)
     if model.diffuse == "none":
         return usable, np.zeros(len(sun))
-    ground = model.ground_albedo * ground_view(up)
-    return usable + ground * sun[:, 2], sky_view(up) + ground
+    ground = model.ground_albedo * daylight.ground_view(up)
+    return usable + ground * sun[:, 2], daylight.sky_view(up) + ground
 
 
 def _beam(
@@ -223,7 +218,7 @@ def _beam(
             clearness = beam * (cos_zenith + sky_per_beam) / (top * cos_zenith)
             share = 0.5 * (share + share_by_clearness(clearness))
         if model.kind == "perez":
-            of_global, of_direct = perez_efficacy(beam, beam * sky_per_beam, cos_zenith, top)
+            of_global, of_direct = daylight.perez_efficacy(beam, beam * sky_per_beam, cos_zenith, top)
             of_sky = of_direct if model.mounting == "sun-pointing" else of_global
             efficacy = 0.5 * (efficacy + of_sky)
     return beam

@@ -16,16 +16,9 @@ from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
+from fieldkit.results import minutes
 from fieldkit.results.batch import Progress, no_progress, session_names
 from fieldkit.results.cache import Cache, as_text, digest, of_text
-from fieldkit.results.minutes import (
-    Run,
-    final_estimates_of,
-    measure_run,
-    packed_slopes,
-    run_of,
-    unpacked_slopes,
-)
 from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates, budget_columns
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning, path_of, settings_from, source_of
@@ -44,7 +37,7 @@ class JoinedEstimates(Estimates):
     >>> joined.write(Path("results/both"))                                           # doctest: +SKIP
     """
 
-    runs: tuple[Run, ...] = ()
+    runs: tuple[minutes.Run, ...] = ()
     chosen: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -118,7 +111,9 @@ def estimate_together(
     keys = values if model is None else {**values, "estimator.model": model}
     texts = [*settings_from(settings), *settings_from(keys)]
     paths = list(dict.fromkeys(path_of(session).resolve() for session in sessions))
-    runs = [run_of(source_of(path, present=present, without_marks=without_marks), texts) for path in paths]
+    runs = [
+        minutes.run_of(source_of(path, present=present, without_marks=without_marks), texts) for path in paths
+    ]
     parts = []
     for run in runs:
         parts.append(_part(run, notify))
@@ -140,21 +135,21 @@ def estimate_together(
     )
 
 
-def _estimate_parts(runs: Sequence[Run], parts: Sequence[Part]) -> Estimates:
+def _estimate_parts(runs: Sequence[minutes.Run], parts: Sequence[Part]) -> Estimates:
     """The slopes by all parts, from the cache or else solved."""
     cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
     if (entry := cache.load(key)) is not None:
-        return unpacked_slopes(entry, of_text(tuple[Region, ...], entry["regions"]))
+        return minutes.unpacked_slopes(entry, of_text(tuple[Region, ...], entry["regions"]))
     together = slopes_together(parts)
-    estimates = final_estimates_of(together)
-    cache.store(key, {"regions": as_text(together.regions), **packed_slopes(estimates)})
+    estimates = minutes.final_estimates_of(together)
+    cache.store(key, {"regions": as_text(together.regions), **minutes.packed_slopes(estimates)})
     return estimates
 
 
-def _part(run: Run, notify: Callable[[str], None]) -> Part:
+def _part(run: minutes.Run, notify: Callable[[str], None]) -> Part:
     """The minutes of a session in which its last regions hold."""
-    path, measured, schedule = run.source.path, measure_run(run), run.source.regions
+    path, measured, schedule = run.source.path, minutes.measure_run(run), run.source.regions
     if damaged := sum(measured.damaged.values()):
         notify(f"{path}: {damaged} damaged samples are excluded; a check lists them")
     history, regions = measured.history.at_last(schedule)

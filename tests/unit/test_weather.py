@@ -23,20 +23,14 @@ def day():
     return weather.packaged_day()
 
 
-def test_packaged_day_has_every_minute_stamped_in_its_middle(day):
+def test_packaged_day_is_the_clear_one_the_station_saw_stamped_in_the_middle_of_minutes(day):
+    """Extremes as NOAA's file has them: 1076.1 W/m² direct, -22.9 °C at night."""
+    assert day.site.longitude_deg == -105.92  # west of Greenwich
+    assert day.dni_w_m2.max() == 1076.1
+    assert day.air_temperature_k.min() == pytest.approx(273.15 - 22.9)
     assert len(day.time_ns) == 1440
     assert np.datetime64(int(day.time_ns[0]), "ns") == np.datetime64("2015-12-31T23:59:30")
     assert np.all(np.diff(day.time_ns) == 60_000_000_000)
-
-
-def test_packaged_day_is_west_of_greenwich(day):
-    assert day.site.longitude_deg == -105.92
-
-
-def test_packaged_day_is_the_clear_one_the_station_saw(day):
-    """Extremes as NOAA's file has them: 1076.1 W/m² direct, -22.9 °C at night."""
-    assert day.dni_w_m2.max() == 1076.1
-    assert day.air_temperature_k.min() == pytest.approx(273.15 - 22.9)
 
 
 def test_direct_and_diffuse_add_up_to_the_measured_global(day):
@@ -106,15 +100,10 @@ def surfrad_file(path, values=(), bad=()):
 def test_columns_are_where_the_networks_readme_has_them(tmp_path):
     """README of data/radiation/surfrad at NOAA: pairs of value and quality after eight columns."""
     day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat"))
-    found = (
-        day.ghi_w_m2,
-        day.dni_w_m2,
-        day.dhi_w_m2,
-        day.longwave_down_w_m2,
-        day.longwave_up_w_m2,
-        day.wind_m_s,
-    )
-    assert [column[0] for column in found] == [100.0, 102.0, 103.0, 104.0, 107.0, 117.0]
+    light = [
+        getattr(day, f"{name}_w_m2")[0] for name in ("ghi", "dni", "dhi", "longwave_down", "longwave_up")
+    ]
+    assert [*light, day.wind_m_s[0]] == [100.0, 102.0, 103.0, 104.0, 107.0, 117.0]
     assert day.air_temperature_k[0] == pytest.approx(115.0 + 273.15)
     assert day.pressure_pa[0] == pytest.approx(119.0 * 100.0)  # hPa
 

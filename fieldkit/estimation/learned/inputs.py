@@ -19,15 +19,10 @@ from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
+from fieldkit.physics import daylight
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.climate import usual_air_k
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import (
-    air_under_clear_sky,
-    clear_sky_longwave,
-    extraterrestrial,
-    perez_brightening,
-)
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
@@ -172,7 +167,7 @@ def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> 
     if either or not BODIES[settings.body].has_air_of_earth:
         return 0.0
     air_k = air_unlogged_k(math.nan, settings, int(history.time_ns[row]))
-    return 6.0 * float(clear_sky_longwave(air_k)) / air_k
+    return 6.0 * float(daylight.clear_sky_longwave(air_k)) / air_k
 
 
 def can_start(history: History, row: int, layout: Layout, required: BoolArray | slice = EVERY_REGION) -> bool:
@@ -225,11 +220,11 @@ def minute_inputs(
     grey = surface.emissivity_broadband
     # the ground around, which the regions see, is taken to be as warm as the references
     ground_k = kelvin[: layout.references].mean()
-    top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
+    top = float(daylight.extraterrestrial(history.time_ns[row], BODIES[settings.body]))
     circumsolar = settings.circumsolar_share * float(np.clip(direct / top, 0.0, 1.0))
     around_sun, band = circumsolar, 0.0
     if settings.circumsolar_share and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
-        around_sun, band = map(float, perez_brightening(diffuse, direct, top, cos_zenith))
+        around_sun, band = map(float, daylight.perez_brightening(diffuse, direct, top, cos_zenith))
     return MinuteInputs(
         hours=float(history.minute[row] - start) / 60.0,
         sun=history.sun[row].copy(),  # a view would keep the whole history
@@ -355,7 +350,7 @@ def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
     One fixed number is 100 W/m2 too much over a high plateau in winter.
     """
     if np.isfinite(air_k) and BODIES[settings.body].has_air_of_earth:
-        return float(clear_sky_longwave(air_k))
+        return float(daylight.clear_sky_longwave(air_k))
     return settings.longwave_down_w_m2
 
 
@@ -370,5 +365,7 @@ def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: i
         return body.air_temperature_k
     if settings.site is None:
         is_measured = np.isfinite(longwave_w_m2)
-        return float(air_under_clear_sky(longwave_w_m2 if is_measured else settings.longwave_down_w_m2))
+        return float(
+            daylight.air_under_clear_sky(longwave_w_m2 if is_measured else settings.longwave_down_w_m2)
+        )
     return float(usual_air_k(time_ns, settings.site))

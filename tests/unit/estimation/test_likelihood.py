@@ -154,15 +154,6 @@ def test_uncertain_light_equals_fitting_it_with_its_price(scale_sd):
     assert many.on_grid(grid).item() == pytest.approx(found(grid.normals()[0, 0, 0]), rel=1e-8)
 
 
-def test_known_azimuth_region_is_the_stretch_around_the_answer():
-    sun, truth = window("2017-08-30T03:00", 21), normal(10.0, 180.0)
-    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = region_known_azimuth(misfit, 180.0, truth, 2.706, 45.0)
-    assert found.tilt_low_deg == pytest.approx(10.0, abs=0.6)
-    assert found.tilt_high_deg < 12.0
-    assert (found.azimuth_low_deg, found.azimuth_high_deg) == (180.0, 180.0)
-
-
 @pytest.mark.parametrize("sd", [0.0004, 0.002, 0.01])
 @pytest.mark.parametrize("tilt", [14.9916, 22.5])
 def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
@@ -172,6 +163,7 @@ def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
     found = region_known_azimuth(misfit, 180.0, truth, DROP_ONE, 45.0)
     steeper = normal(tilt + 90.0, 180.0)
     half = np.degrees(np.sqrt(DROP_ONE / (steeper @ misfit.H @ steeper)))
+    assert (found.azimuth_low_deg, found.azimuth_high_deg) == (180.0, 180.0)
     assert tilt - found.tilt_low_deg == pytest.approx(half, rel=0.01)
     assert found.tilt_high_deg - tilt == pytest.approx(half, rel=0.01)
 

@@ -25,16 +25,26 @@ PAPER = SurfaceParameters()
 SHAPE = (20, 30)
 
 
+def sun_from(start, minutes, step=1):
+    first = int(np.datetime64(start, "ns").astype(np.int64))
+    return sun_vectors(first + np.arange(0, minutes, step) * 60_000_000_000, SITE)
+
+
+def add(sums, frame_k, ray):
+    """A frame beside the temperature of level ground in the same sun."""
+    sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+
+
 def temperatures(normals, ray):
     return surface_temperature(800.0 * np.maximum(normals @ ray, 0.0), 400.0, 303.15, PAPER)
 
 
 @pytest.fixture
 def scene():
-    start = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
-    sun = sun_vectors(start + np.arange(0, 60, 3) * 60_000_000_000, SITE)
     random = np.random.default_rng(1)
-    return sun, normal(random.uniform(0, 28, SHAPE), random.uniform(0, 360, SHAPE))
+    return sun_from("2017-08-30T00:30", 60, 3), normal(
+        random.uniform(0, 28, SHAPE), random.uniform(0, 360, SHAPE)
+    )
 
 
 def mapped(sun, normals, noise_k=0.0, spoil=None):
@@ -44,7 +54,7 @@ def mapped(sun, normals, noise_k=0.0, spoil=None):
         frame_k = temperatures(normals, ray) + noise_k * random.standard_normal(SHAPE)
         if spoil is not None:
             frame_k[spoil] = np.nan
-        sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        add(sums, frame_k, ray)
     return sums.solve()
 
 
@@ -54,7 +64,7 @@ def test_more_pixels_have_a_second_slope_the_more_confidence_is_asked_for(scene)
     for confidence in (0.5, 0.9, 0.99):
         sums = MapSums(SHAPE, PAPER, 0.003, confidence=confidence)
         for ray in sun:
-            sums.add(temperatures(normals, ray), float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+            add(sums, temperatures(normals, ray), ray)
         counts.append(np.count_nonzero(sums.solve().state == SlopeState.NOT_RESOLVED))
     assert counts[0] < counts[1] < counts[2]
 
@@ -106,14 +116,13 @@ def test_pixels_without_temperature_have_no_data(scene):
 
 def test_gusts_widen_the_pixels_of_a_region_that_has_a_slope_and_refuse_others():
     """Exchange that changes by a tenth from minute to minute: more than noise, the more the warmer."""
-    start = int(np.datetime64("2017-08-30T01:30", "ns").astype(np.int64))
-    sun, truth = sun_vectors(start + np.arange(90) * 60_000_000_000, SITE), normal(25.0, 180.0)
+    sun, truth = sun_from("2017-08-30T01:30", 90), normal(25.0, 180.0)
     random, sums = np.random.default_rng(4), MapSums(SHAPE, PAPER, 0.05)
     for ray in sun:
         flat_k = float(temperatures(VERTICAL, ray))
         gust = 1.0 + 0.1 * random.standard_normal()
         frame_k = flat_k + gust * (np.full(SHAPE, temperatures(truth, ray)) - flat_k)
-        sums.add(frame_k + 0.05 * random.standard_normal(SHAPE), flat_k, ray, 800.0, VERTICAL)
+        add(sums, frame_k + 0.05 * random.standard_normal(SHAPE), ray)
     explained = np.zeros(SHAPE, np.bool_)
     explained[:10] = True
     slopes = sums.solve(explained)
@@ -129,14 +138,13 @@ def test_a_hot_stone_is_no_slope(scene):
     sun, truth = scene
     sums = MapSums(SHAPE, PAPER, 0.05)
     for ray in sun:
-        sums.add(temperatures(truth, ray) + 15.0, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        add(sums, temperatures(truth, ray) + 15.0, ray)
     assert (sums.solve().state == SlopeState.NO_INTERSECTION).mean() > 0.9
 
 
 @pytest.mark.parametrize("hour_utc", [0, 3, 6])
 def test_winter_sun_lights_what_faces_it_and_shades_the_steep_north_side(hour_utc):
-    start = int(np.datetime64("2017-12-11T00:30", "ns").astype(np.int64)) + hour_utc * 3_600_000_000_000
-    sun = sun_vectors(start + np.arange(20) * 60_000_000_000, SITE)
+    sun = sun_from(f"2017-12-11T{hour_utc:02d}:30", 20)
     away = np.degrees(np.arctan2(*-sun[10, :2]))
     truth = np.broadcast_to(normal(10.0, away + 180.0), (*SHAPE, 3)).copy()
     truth[:5] = normal(80.0, away)
@@ -146,8 +154,7 @@ def test_winter_sun_lights_what_faces_it_and_shades_the_steep_north_side(hour_ut
 
 
 def test_three_hours_explain_a_slope_as_well_as_twenty_minutes():
-    start = int(np.datetime64("2017-12-11T01:30", "ns").astype(np.int64))
-    sun = sun_vectors(start + np.arange(0, 180, 3) * 60_000_000_000, SITE)
+    sun = sun_from("2017-12-11T01:30", 180, 3)
     truth = normal(*np.broadcast_arrays(np.linspace(0.0, 25.0, 30), np.full(SHAPE, 180.0)))
     exact, noisy = mapped(sun, truth), mapped(sun, truth, noise_k=0.05)
     assert (exact.state == SlopeState.OK).all()
@@ -157,10 +164,9 @@ def test_three_hours_explain_a_slope_as_well_as_twenty_minutes():
     assert noisy.chi_square.mean() == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize("minutes", [180, 360])
-def test_hours_tell_a_steep_slope_from_its_flat_mirror(minutes):
-    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64)) - minutes * 30_000_000_000
-    sun = sun_vectors(start + np.arange(minutes) * 60_000_000_000, SITE)
+@pytest.mark.parametrize(("start", "minutes"), [("01:30", 180), ("00:00", 360)])
+def test_hours_tell_a_steep_slope_from_its_flat_mirror(start, minutes):
+    sun = sun_from(f"2017-08-30T{start}", minutes)
     steep = np.broadcast_to(normal(40.0, 180.0), (*SHAPE, 3)).copy()
     steep[10:] = normal(12.0, 180.0)
     found = mapped(sun, steep, noise_k=0.05)
@@ -171,15 +177,13 @@ def test_hours_tell_a_steep_slope_from_its_flat_mirror(minutes):
 
 
 def test_hours_rule_out_a_slope_steeper_than_the_limit_whose_mirror_is_flat():
-    start = int(np.datetime64("2017-08-30T01:30", "ns").astype(np.int64))
-    sun = sun_vectors(start + np.arange(180) * 60_000_000_000, SITE)
+    sun = sun_from("2017-08-30T01:30", 180)
     found = mapped(sun, np.broadcast_to(normal(48.0, 180.0), (*SHAPE, 3)), noise_k=0.05)
     assert (found.state == SlopeState.NO_INTERSECTION).all()
 
 
 def test_two_slopes_that_fit_alike_are_told_the_flatter_first():
-    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
-    sun = sun_vectors(start + np.arange(20) * 60_000_000_000, SITE)
+    sun = sun_from("2017-08-30T03:00", 20)
     found = mapped(sun, np.broadcast_to(normal(35.0, 180.0), (*SHAPE, 3)))
     assert (found.state == SlopeState.NOT_RESOLVED).all()
     assert (found.tilt_deg < found.second_tilt_deg).all()
@@ -195,7 +199,7 @@ def test_two_frames_are_too_few(scene):
 
 NOISE_K = 0.05
 NOISE_ALONE = EstimatorSettings(model="paper", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
-MORNING = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
+MORNING = "2017-08-30T00:30"
 
 
 @pytest.fixture(autouse=True)
@@ -204,24 +208,20 @@ def _the_papers_model_is_whole(monkeypatch):
     monkeypatch.setattr("fieldkit.estimation.pixel_slopes.PAPER_SCALE_SD", 0.0)
 
 
-def suns(minutes: int):
-    return sun_vectors(MORNING + np.arange(minutes) * 60_000_000_000, SITE)
-
-
 def summed(normals, sun, seed: int = 1) -> MapSums:
     """Frames of facets (rows, cols, 3), noisy to the stated noise of a difference."""
     random = np.random.default_rng(seed)
     sums = MapSums(normals.shape[:2], PAPER, NOISE_K)
     for ray in sun:
         noise = np.sqrt(2.0) * NOISE_K * random.standard_normal(normals.shape[:2])
-        sums.add(temperatures(normals, ray) + noise, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        add(sums, temperatures(normals, ray) + noise, ray)
     return sums
 
 
 @pytest.mark.parametrize("minutes", [25, 90, 240])
 @pytest.mark.parametrize(("tilt", "azimuth"), [(4.0, 180.0), (12.0, 120.0), (20.0, 90.0)])
 def test_nine_of_ten_pixels_hold_their_true_slope(minutes, tilt, azimuth):
-    sums = summed(np.broadcast_to(normal(tilt, azimuth), (40, 50, 3)), suns(minutes))
+    sums = summed(np.broadcast_to(normal(tilt, azimuth), (40, 50, 3)), sun_from(MORNING, minutes))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     known = np.isfinite(slopes.tilt_deg)
     holds = (bounds.tilt_low_deg[known] <= tilt) & (tilt <= bounds.tilt_high_deg[known])
@@ -235,7 +235,7 @@ def test_nine_of_ten_pixels_hold_their_true_slope(minutes, tilt, azimuth):
 
 @pytest.mark.parametrize(("tilt", "azimuth"), [(8.0, 150.0), (15.0, 180.0), (20.0, 100.0)])
 def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt, azimuth):
-    sun = suns(60)
+    sun = sun_from(MORNING, 60)
     sums = summed(np.broadcast_to(normal(tilt, azimuth), (1, 1, 3)), sun, seed=4)
     slopes, bounds = bounded(sums, NOISE_ALONE)
     best = normal(float(slopes.tilt_deg[0, 0]), float(slopes.azimuth_deg[0, 0]))
@@ -255,7 +255,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt, azimuth):
 
 
 def test_flat_pixels_are_flat_and_face_nowhere():
-    sums = summed(np.broadcast_to(VERTICAL, (20, 30, 3)), suns(90))
+    sums = summed(np.broadcast_to(VERTICAL, (20, 30, 3)), sun_from(MORNING, 90))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     assert (slopes.state == SlopeState.FLAT).mean() > 0.85
     assert (slopes.state == SlopeState.OK).mean() < 0.15
@@ -266,7 +266,7 @@ def test_flat_pixels_are_flat_and_face_nowhere():
 
 
 def test_a_wide_region_is_uncertain_and_systematics_widen_it():
-    sums = summed(np.broadcast_to(normal(15.0, 90.0), (10, 10, 3)), suns(180))
+    sums = summed(np.broadcast_to(normal(15.0, 90.0), (10, 10, 3)), sun_from(MORNING, 180))
     settings = (
         NOISE_ALONE,
         replace(NOISE_ALONE, scale_sd=0.2),
@@ -283,12 +283,12 @@ def test_a_wide_region_is_uncertain_and_systematics_widen_it():
 
 
 def test_pixels_without_a_slope_have_no_bounds():
-    sun = suns(30)
+    sun = sun_from(MORNING, 30)
     sums = MapSums((4, 5), PAPER, NOISE_K)
     for ray in sun:
         frame_k = np.broadcast_to(temperatures(normal(10.0, 150.0), ray), (4, 5)).copy()
         frame_k[:2] = np.nan
-        sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        add(sums, frame_k, ray)
     slopes, bounds = bounded(sums, NOISE_ALONE)
     for plane in (bounds.tilt_low_deg, bounds.tilt_high_deg, bounds.azimuth_low_deg, bounds.azimuth_high_deg):
         assert np.isnan(plane[:2]).all()

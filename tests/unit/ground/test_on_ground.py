@@ -45,11 +45,8 @@ def dem(tmp_path):
     """200 x 200 cells of half a metre."""
     centre = 0.5 * (np.arange(200) + 0.5)
     heights = terrain(*np.meshgrid(354550.0 + centre, 3936290.0 - centre))
-    profile = {"driver": "GTiff", "width": 200, "height": 200, "count": 1, "dtype": "float64"}
-    place = rasterio.Affine(0.5, 0.0, 354550.0, 0.0, -0.5, 3936290.0)
-    with rasterio.open(tmp_path / "dem.tif", "w", crs="EPSG:32654", transform=place, **profile) as file:
-        file.write(heights, 1)
-    return tmp_path / "dem.tif"
+    half_metres = rasterio.Affine(0.5, 0.0, 354550.0, 0.0, -0.5, 3936290.0)
+    return write_dem(tmp_path / "dem.tif", heights, transform=half_metres)
 
 
 def pose_of(path, time_ns=0):
@@ -93,11 +90,11 @@ def test_cells_hold_what_lies_on_them(tmp_path, dem):
 def write_dem(
     path, band, crs="EPSG:32654", west=354550.0, north=3936290.0, gain=1.0, offset=0.0, unit="", **profile
 ):
-    """Cells of a metre."""
+    """Cells of a metre, unless they have another transform."""
     rows, cols = band.shape
-    place = rasterio.Affine(1.0, 0.0, west, 0.0, -1.0, north)
+    profile = {"transform": rasterio.Affine(1.0, 0.0, west, 0.0, -1.0, north), **profile}
     profile = {"driver": "GTiff", "width": cols, "height": rows, "count": 1, "dtype": band.dtype, **profile}
-    with rasterio.open(path, "w", crs=crs, transform=place, **profile) as file:
+    with rasterio.open(path, "w", crs=crs, **profile) as file:
         file.write(band, 1)
         file.scales, file.offsets = (gain,), (offset,)
         if unit:

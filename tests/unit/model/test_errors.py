@@ -3,7 +3,7 @@
 import pickle
 from pathlib import Path
 
-from fieldkit.model.errors import ConfigError, DeviceTimeoutError, message_of
+from fieldkit.model.errors import ConfigError, DeviceTimeoutError, IncompleteError, message_of
 from fieldkit.model.next_step import Action, Argument
 
 
@@ -22,3 +22,5 @@ def test_quoted_error_is_its_message_alone():
 def test_fix_survives_the_way_between_processes():
     again = pickle.loads(pickle.dumps(ConfigError("is wrong", place="a key", fix=Action.DOCTOR())))
     assert (again.place, again.message, again.fix) == ("a key", "a key: is wrong", Action.DOCTOR())
+    files = (Path("a.csv"),)
+    assert pickle.loads(pickle.dumps(IncompleteError("not exported: b", files))).files == files

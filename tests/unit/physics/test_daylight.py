@@ -36,24 +36,6 @@ def test_erbs_agrees_with_pvlib():
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
-def perez(zenith_deg, water_cm, brightness, direct=900.0):
-    cosine, top = np.cos(np.radians(zenith_deg)), 1361.0
-    return perez_efficacy(direct, brightness * top * cosine, cosine, top, water_cm)
-
-
-def test_perez_under_a_clear_sky():
-    # Perez et al. 1990, worked examples: 27 degrees, 3 cm of water, brightness 0.1
-    of_global, of_direct = perez(27.0, 3.0, 0.1)
-    assert of_global == pytest.approx(108.5, abs=1.0)
-    assert of_direct == pytest.approx(105.0, abs=1.0)
-
-
-def test_low_winter_sun_is_redder():
-    # 76 degrees in dry air: 87 lm/W of direct light
-    _, of_direct = perez(76.0, 0.5, 0.1, direct=700.0)
-    assert of_direct == pytest.approx(87.0, abs=2.5)
-
-
 def test_perez_says_nothing_with_the_sun_down():
     assert np.isnan(perez_efficacy(0.0, 10.0, -0.1, 1361.0)).all()
 

@@ -89,6 +89,7 @@ def test_measured_beam_is_taken_as_it_is(kind):
 def test_low_sun_on_the_meters_plane_determines_nothing():
     low = normal(78.5, 180.0).reshape(1, 3)  # cosine 0.1994
     assert np.isnan(beam(20_000.0, sun=low))
+    assert np.isnan(beam(np.nan))  # and a missing reading stays missing
     assert not np.isnan(beam(20_000.0, sun=low, mounting="sun-pointing", diffuse="none"))
 
 
@@ -106,10 +107,6 @@ def test_erbs_split_is_consistent_with_itself():
         found = beam(flat, sun=sun, kind="calibrated", factor=1.0, diffuse="erbs")
         share = diffuse_fraction_erbs(flat / (extraterrestrial(NOON)[0] * cosine))
         assert found * cosine == pytest.approx(flat * (1.0 - share), rel=1e-9)
-
-
-def test_missing_readings_stay_missing():
-    assert np.isnan(beam(np.nan))
 
 
 def test_every_label_fits_and_differs():

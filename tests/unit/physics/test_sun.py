@@ -24,6 +24,7 @@ from fieldkit.physics.sun import exact_vectors, refract, sun_angles, sun_vectors
 iers.conf.auto_download, iers.conf.auto_max_age = False, None
 """astropy here reads what it brings along, as fieldkit does."""
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+NETHERLANDS = Site(52.0, 5.0, 20.0)
 TOLERANCE_DEG = 0.003
 
 GOLDEN = [
@@ -32,14 +33,7 @@ GOLDEN = [
     (PAPER, "2017-08-30T04:00", 31.87461, 218.03315, 31.86415, (-0.325348, -0.415930, 0.849206)),
     (PAPER, "2017-08-30T05:00", 41.00124, 237.89481, 40.98661, (-0.555744, -0.348688, 0.754695)),
     (PAPER, "2017-08-30T06:00", 52.05722, 251.59028, 52.03569, (-0.748265, -0.249056, 0.614874)),
-    (
-        Site(52.0, 5.0, 20.0),
-        "2020-03-20T11:30",
-        52.00379,
-        174.49510,
-        51.98230,
-        (0.075598, -0.784417, 0.615609),
-    ),
+    (NETHERLANDS, "2020-03-20T11:30", 52.00379, 174.49510, 51.98230, (0.075598, -0.784417, 0.615609)),
     (Site(0.0, 0.0, 0.0), "2024-06-20T12:15", 23.66000, 352.38422, 23.65263, (-0.053185, 0.397768, 0.915943)),
 ]
 
@@ -80,17 +74,6 @@ def test_table_2_of_the_paper_but_for_one_cell():
                 different.append((date, tilt, hour, round(float(value), 2)))
     # 49.5503 by SPA, printed 49.5: the paper's only cell that was not rounded but cut
     assert different == [("2017-08-30", 10, 15, 49.55)]
-
-
-def test_incidence_angles_to_four_digits():
-    sun = sun_vectors(at(*(f"2017-08-30T{hour:02d}:00" for hour in (3, 4, 5, 6))), PAPER)
-    expected = {
-        0: (26.8775, 31.8746, 41.0012, 52.0572),
-        10: (17.0785, 24.6970, 36.5075, 49.5503),
-        20: (7.7834, 19.9066, 34.0612, 48.4729),
-    }
-    for tilt, angles in expected.items():
-        np.testing.assert_allclose(incidence_deg(normal(tilt, 180.0), sun), angles, atol=TOLERANCE_DEG)
 
 
 @pytest.mark.parametrize(
@@ -156,12 +139,7 @@ print(*sun_angles([1504062000_000000000, 1860000000_000000000], Site(35.558675, 
 
 
 def test_sun_works_with_sockets_blocked_and_no_cache(tmp_path):
-    empty = {
-        **os.environ,
-        "HOME": str(tmp_path),
-        "XDG_CACHE_HOME": str(tmp_path),
-        "XDG_CONFIG_HOME": str(tmp_path),
-    }
+    empty = os.environ | dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), str(tmp_path))
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_SOCKETS], capture_output=True, text=True, env=empty, timeout=500
     )

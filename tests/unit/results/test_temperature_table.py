@@ -1,5 +1,7 @@
 """`fieldkit estimate table.csv`: the golden four hours, independent SPA sun and Table 1 parameters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pvlib
@@ -14,6 +16,7 @@ from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.results.estimate import estimate_tables, require_slope
 from fieldkit.results.temperature_table import read_table
 from fieldkit.views import formatting
+from tests.harness.next_steps import at
 
 
 def slopes_of(path, site, settings, **more):
@@ -28,6 +31,8 @@ CASE_1 = """time,reference_k,bed_k,irradiance_w_m2
 2017-08-30T14:00:00+09:00,320.08268,321.34508,800
 2017-08-30T15:00:00+09:00,316.46441,317.34486,800
 """
+SUN_UP = (0.891975, 0.849206, 0.754695, 0.614874)
+"""Cosine of the zenith at these times (SPA)."""
 
 
 @pytest.fixture
@@ -76,15 +81,8 @@ def test_celsius_unsorted_rows_and_other_zones_are_the_same_table(table):
 
 
 def test_lux_on_the_horizontal_is_as_good(table):
-    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
-    first, *rows = CASE_1.splitlines()
-    lines = [first.replace("irradiance_w_m2", "illuminance_lx")]
-    for row, up in zip(rows, sun_up, strict=True):
-        lines.append(row.rsplit(",", 1)[0] + f",{800 * up * 0.44 * 246.78:.3f}")
-    settings = EstimatorSettings(
-        model="paper", window_s="weather", irradiance=IrradianceModel(diffuse="none")
-    )
-    (bed,) = slopes_of(table("\n".join(lines)), SITE, settings)
+    lux = with_light("illuminance_lx", [f"{800 * up * 0.44 * 246.78:.3f}" for up in SUN_UP])
+    (bed,) = slopes_of(table(lux), SITE, replace(WHOLE, irradiance=IrradianceModel(diffuse="none")))
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
 
@@ -99,33 +97,24 @@ def with_light(columns, cells):
 
 def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
     """800 W/m2 of beam and a sky of 100 W/m2; then one of 15 % of the global light."""
-    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
-    measured = with_light("ghi_w_m2,diffuse_w_m2", [f"{800 * up + 100:.4f},100" for up in sun_up])
+    measured = with_light("ghi_w_m2,diffuse_w_m2", [f"{800 * up + 100:.4f},100" for up in SUN_UP])
     (bed,) = slopes_of(table(measured), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
-    assumed = with_light("ghi_w_m2", [f"{800 * up / 0.85:.4f}" for up in sun_up])
+    assumed = with_light("ghi_w_m2", [f"{800 * up / 0.85:.4f}" for up in SUN_UP])
     (bed,) = slopes_of(table(assumed), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
-    ("columns", "model", "complaint"),
+    ("columns", "model", "place"),
     [
-        (
-            "ghi_w_m2",
-            IrradianceModel(diffuse="none"),
-            "ghi_w_m2 is global light, which contains the light of",
-        ),
-        (
-            "illuminance_lx",
-            IrradianceModel(kind="pyrheliometer"),
-            "takes direct light, but the table has lux",
-        ),
+        ("ghi_w_m2", IrradianceModel(diffuse="none"), "irradiance.diffuse"),
+        ("illuminance_lx", IrradianceModel(kind="pyrheliometer"), "irradiance.model"),
     ],
 )
-def test_light_that_the_model_does_not_take_is_refused(table, columns, model, complaint):
-    settings = EstimatorSettings(model="paper", window_s="weather", irradiance=model)
-    with pytest.raises(ConfigError, match=complaint):
+def test_light_that_the_model_does_not_take_is_refused(table, columns, model, place):
+    settings = replace(WHOLE, irradiance=model)
+    with pytest.raises(ConfigError, check=at(place)):
         slopes_of(table(with_light(columns, ["500"] * 4)), SITE, settings)
 
 
@@ -133,8 +122,8 @@ def test_leaning_reference_and_known_azimuth(table):
     swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
     (bed,) = slopes_of(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
     assert bed.tilt_deg == pytest.approx(0.0, abs=0.01)
-    settings = EstimatorSettings(model="paper", window_s="weather", azimuth="known")
-    (bed,) = slopes_of(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
+    known = replace(WHOLE, azimuth="known")
+    (bed,) = slopes_of(table(CASE_1), SITE, known, azimuths_deg={"bed": 180.0})
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
 
 
@@ -163,6 +152,11 @@ def test_two_rows_are_too_few_and_say_so(table):
     assert np.isnan(bed.tilt_deg)
 
 
+def with_note(light):
+    """The golden table with a column of notes, of which the first row's light and note are given."""
+    return CASE_1.replace("irradiance_w_m2", "irradiance_w_m2,note").replace(",800", light, 1)
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -170,29 +164,14 @@ def test_two_rows_are_too_few_and_say_so(table):
         ("time,reference_k,bed_k\n", "irradiance_w_m2, ghi_w_m2 or illuminance_lx"),
         ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
         (CASE_1.splitlines()[0], "no rows"),
-        (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
-        (
-            CASE_1.replace("2017-08-30", "1500-08-30"),
-            "line 2: time '1500-08-30T12:00:00+09:00': the year must lie",
-        ),
-        (
-            CASE_1.replace("2017-08-30", "3000-08-30"),
-            "line 2: time '3000-08-30T12:00:00+09:00': the year must lie",
-        ),
-        (
-            CASE_1.replace("bed_k", "reference_k"),
-            "the columns reference_k and reference_k are of the same quantity",
-        ),
-        (
-            CASE_1.replace("bed_k", "reference_c"),
-            "the columns reference_k and reference_c are of the same quantity",
-        ),
-        (CASE_1.replace("bed_k", "bed_k,bed_k"), "the columns bed_k and bed_k are of the same quantity"),
-        (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
-        (
-            CASE_1.replace("irradiance_w_m2", "irradiance_w_m2,note").replace(",800", ',800,"dry', 1),
-            "a quote opens a cell that goes on to line 5, over whole rows",
-        ),
+        (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00'"),
+        (CASE_1.replace("2017-08-30", "1500-08-30"), "line 2: time '1500-08-30T12:00:00+09:00': "),
+        (CASE_1.replace("2017-08-30", "3000-08-30"), "line 2: time '3000-08-30T12:00:00+09:00': "),
+        (CASE_1.replace("bed_k", "reference_k"), "reference_k and reference_k"),
+        (CASE_1.replace("bed_k", "reference_c"), "reference_k and reference_c"),
+        (CASE_1.replace("bed_k", "bed_k,bed_k"), "bed_k and bed_k"),
+        (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm'"),
+        (with_note(',800,"dry'), "line 5"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint):
@@ -258,14 +237,8 @@ def test_slopes_anywhere_on_earth_from_a_sun_that_is_not_ours(table, place):
 
 @pytest.mark.parametrize(
     ("column", "cell"),
-    [
-        ("reference_k", "-26.0"),
-        ("bed_k", "-7725.85"),
-        ("bed_k", "8272.15"),
-        ("irradiance_w_m2", "9.9E+37"),
-        ("irradiance_w_m2", "-6999"),
-        ("irradiance_w_m2", "7999"),
-    ],
+    [("reference_k", "-26.0"), ("bed_k", "-7725.85"), ("bed_k", "8272.15")]
+    + [("irradiance_w_m2", cell) for cell in ("9.9E+37", "-6999", "7999")],
 )
 def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table, column, cell):
     head, *rows = CASE_1.splitlines()
@@ -280,7 +253,8 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
     found = estimate_tables([table(with_cell(cell))], SITE, settings=settings, notify=told.append)
     (text,) = told
     assert f"{column}: 1 " in text
-    assert f"{float(cell):.6g} at line 3;" in text
+    assert f"{float(cell):.6g}" in text
+    assert "at line 3;" in text
     empty = estimate_tables([table(with_cell(""))], SITE, settings=settings, notify=told.append)
     assert repr(found) == repr(empty)
     assert len(told) == 1
