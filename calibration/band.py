@@ -101,7 +101,9 @@ class ResponseBand:
             lines = path.read_text(encoding="utf-8").splitlines()
         except OSError as error:
             raise ConfigError(
-                f"cannot read the band: {error.strerror}", place=path, fix="check its path, and who may read it",
+                f"cannot read the band: {error.strerror}",
+                place=path,
+                fix="check its path, and who may read it",
             ) from error
         try:
             text = [line for line in lines if line[:1].isdigit()]

@@ -68,7 +68,9 @@ def require_ranges(given: Mapping[str, object]) -> None:
     """Raise `ConfigError` for the first of these arguments that is beyond its range; None is not given."""
     for name, value in given.items():
         if value is not None and name in RANGES and value not in RANGES[name]:
-            raise ConfigError("out of range", place=Argument(name, value), fix=f"give a number {RANGES[name].words}")
+            raise ConfigError(
+                "out of range", place=Argument(name, value), fix=f"give a number {RANGES[name].words}"
+            )
 
 
 LONGEST_NAME = 200
