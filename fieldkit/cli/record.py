@@ -17,12 +17,10 @@ from fieldkit.results.json_document import learnt_document
 
 if TYPE_CHECKING:
     from datetime import time
-    from pathlib import Path
 
     from fieldkit.config import Config
-    from fieldkit.recorder import Summary
     from fieldkit.recording.background import RecordOptions
-    from fieldkit.recording.record import PreparedRecording
+    from fieldkit.recording.record import PreparedRecording, RecordedSession
     from fieldkit.views.terminal_view import ThemeName
 
 
@@ -49,6 +47,12 @@ if TYPE_CHECKING:
     help="Begin with what fieldkit live or the field page has shown last, such as 2m, as far as it has it.",
 )
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
+@click.option(
+    "--split",
+    default="",
+    metavar="WHEN",
+    help="End a session and begin the next every 1d or 6h from the site's midnight on, or at 09:00.",
+)
 @click.option(
     "--allow-missing", is_flag=True, help="Record without instruments that are not plugged in or hang."
 )
@@ -89,10 +93,10 @@ def command(
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
         views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
         with page_beside(config, page_address, options.settings):
-            summary = run_until_stopped(prepared, views).summary
-    print_summary(prepared.path, summary)
-    if summary.failure is not None:
-        raise summary.failure
+            last = run_until_stopped(prepared, views)
+    print_summary(last)
+    if last.summary.failure is not None:
+        raise last.summary.failure
 
 
 def _wait_until(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
@@ -124,16 +128,18 @@ def _detach(config: Config, options: RecordOptions) -> None:
     common.say("next: fieldkit status  |  fieldkit page  |  fieldkit stop")
 
 
-def print_summary(path: Path, summary: Summary) -> None:
+def print_summary(session: RecordedSession) -> None:
     """Print what was recorded, and what to do next."""
     from fieldkit.results.estimate import as_document
 
+    path, summary = session.path, session.summary
     estimates = summary.last_minute.estimates if summary.last_minute else ()
     learnt = summary.last_minute.learnt if summary.last_minute else None
     if common.options().json:
         common.print_json(
             {
                 "session": str(path),
+                "earlier_sessions": [str(earlier.path) for earlier in session.earlier],
                 "counts": summary.counts,
                 "dropped": summary.dropped,
                 "bytes": path.stat().st_size,
@@ -142,10 +148,10 @@ def print_summary(path: Path, summary: Summary) -> None:
             }
         )
         return
-    counts = ", ".join(f"{count} {stream}" for stream, count in summary.counts.items())
-    lost = sum(summary.dropped.values())
-    common.say(
-        f"sealed {path}   {path.stat().st_size / 1e6:.1f} MB   {counts}" + (f", {lost} lost" if lost else "")
-    )
+    for part in (*session.earlier, session):
+        counts = ", ".join(f"{count} {stream}" for stream, count in part.summary.counts.items())
+        lost = sum(part.summary.dropped.values())
+        size = f"{part.path.stat().st_size / 1e6:.1f} MB"
+        common.say(f"sealed {part.path}   {size}   {counts}" + (f", {lost} lost" if lost else ""))
     quoted_path = shlex.quote(str(path))
     common.say(f"next: fieldkit check {quoted_path}  |  fieldkit report {quoted_path}")

@@ -24,7 +24,7 @@ def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> Rec
     from fieldkit.views.service_manager import RecordingReports, is_expected
 
     if is_expected():
-        views = [*views, RecordingReports(prepared.path.stem)]
+        views = [*views, RecordingReports()]
     with stop_on_signals() as stopping:  # from before there is anything that must be sealed
         try:
             return prepared.run(views, stopping=stopping, command_line=command_line())

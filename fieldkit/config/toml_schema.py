@@ -21,6 +21,7 @@ from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
+from fieldkit.model.durations import times_of_day
 from fieldkit.model.light_meter import ConfiguredKind, Diffuse, Mounting
 from fieldkit.model.quantities import LIMITS, Component
 from fieldkit.model.site import ELEVATIONS_M, Region, RegionKind
@@ -263,6 +264,11 @@ class SlabTable(Table):
     capacity_sd: NotNegative = Field(default=0.1, description="relative standard uncertainty")
 
 
+def _times_of_day(text: str) -> str:
+    times_of_day(text)
+    return text
+
+
 class RecordTable(Table):
     """Choice of the frames that are kept; who may follow."""
 
@@ -273,6 +279,12 @@ class RecordTable(Table):
     burst_frames: int = Field(default=3, ge=1, le=1000, description="frames in a burst")
     shutter_before_burst: bool = Field(
         default=True, description="run the shutter correction before each burst"
+    )
+    split: Annotated[str, AfterValidator(_times_of_day)] = Field(
+        default="",
+        examples=["1d"],
+        description="when a session ends and the next begins, at the site: every 1d or 6h from midnight on, "
+        "or at a time of day such as 09:00",
     )
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from datetime import time
+from datetime import datetime, time, timedelta
 
 from fieldkit.model.errors import ConfigError
 
-UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
+UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 LONGEST_S = 100 * 365.25 * 86_400.0
 """A hundred years: more is a typing error."""
-_UNIT_AFTER = {"m": "s", "h": "m"}
+_UNIT_AFTER = {"m": "s", "h": "m", "d": "h"}
 """The unit of a bare number, by the unit in front of it: ``2h30`` is two hours and thirty minutes."""
 
 
@@ -20,10 +20,10 @@ def parse_duration(text: str) -> float:
     Raises `ConfigError` for anything else, also for a number without any unit or more than a hundred years.
     """
     text = text.replace("min", "m")
-    if not re.fullmatch(r"(\d+(\.\d+)?[hms])+((?<!s)\d+(\.\d+)?)?", text):
+    if not re.fullmatch(r"(\d+(\.\d+)?[dhms])+((?<!s)\d+(\.\d+)?)?", text):
         raise ConfigError(f"{text!r} is not a valid duration; use 3h, 90m or 45s")
     total, last_unit = 0.0, ""
-    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
+    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([dhms]?)", text):
         total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
         last_unit = unit
     if total > LONGEST_S:
@@ -77,3 +77,18 @@ def parse_time_of_day(text: str) -> time:
         return time(hour, minute)
     except ValueError:
         raise ConfigError(f"{text!r} is not a valid time of day; use 15:05") from None
+
+
+def times_of_day(text: str) -> tuple[time, ...]:
+    """The times of day that a text names: ``09:00``, or every ``1d``, ``6h`` or ``30m`` from midnight on.
+
+    None for an empty one. Raises `ConfigError` for anything else.
+    """
+    if not text:
+        return ()
+    if ":" in text:
+        return (parse_time_of_day(text),)
+    step = timedelta(seconds=parse_duration(text))
+    if not step or step % timedelta(minutes=1) or timedelta(days=1) % step:
+        raise ConfigError(f"{text!r} does not divide the day; use 1d, 6h or a time of day such as 09:00")
+    return tuple((datetime.min + step * number).time() for number in range(timedelta(days=1) // step))

@@ -148,7 +148,7 @@ class Conductor:
             self.hub.become(problem="its recorder shows nothing: its feed failed")
         else:
             self._show_recording(reader)
-        while is_locked(journal_path(session)) and not self._ending.wait(LOOK_EVERY_S):
+        while session_in_progress(self.config.recordings) == session and not self._ending.wait(LOOK_EVERY_S):
             pass
         self.hub.become(session=None, started_ns=None, planned_end_ns=None, ours=False, problem=None)
 

@@ -25,7 +25,7 @@ from typing import ClassVar
 from urllib.parse import unquote, urlsplit
 
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.alarm import alarm_of, phase_of
+from fieldkit.model.alarm import Alarm, alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, EventKind, Health, Sample, Severity
@@ -356,6 +356,11 @@ class AlarmWatch:
     engine: AlarmEngine | None = None
     outputs: AlarmOutputs = field(default_factory=AlarmOutputs)
     sensors: HomeAssistant | None = None
+
+    @property
+    def present(self) -> tuple[Alarm, ...]:
+        """The alarms that are present now, oldest first."""
+        return () if self.engine is None else self.engine.present
 
     def update(self, item: Sample | Event | Health | Minute | RegionRecord) -> list[Event]:
         """Alarms raised, acknowledged and cleared; once a second also outputs that begin to fail."""

@@ -30,6 +30,8 @@ LONGEST_BACK_OFF_S = 30.0
 INDICATORS_EVERY_NS = MINUTE_NS
 HANGS_AFTER_S = 10.0
 LAST_READ_NS = 2 * SECOND_NS  # a read takes 0.5 s, skipping frames 1 s: the end waits no longer
+LATE_NS = 2 * SECOND_NS
+"""A sample may be read this long after its stamp: minutes of the estimator wait as long for it."""
 SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles within 10 s
 
 
@@ -70,7 +72,8 @@ class DeviceReader:
         self.rejected_because: str = ""
         self._device: Device | None = device
         self._bounds = bounds_of(self.info)
-        self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
+        self._reopen, self._clock, self._sampling = reopen, clock, sampling
+        self._queues: tuple[tuple[int, SampleQueue], ...] = ((0, queue),)
         self._end_ns = end_ns
         self._seconds_away = 0
         self._shutter_requests: SimpleQueue[str] = SimpleQueue()
@@ -93,6 +96,20 @@ class DeviceReader:
         """Ask the thread to end; it ends within one read."""
         now_ns = self._clock.mono_ns()
         self._end_ns = now_ns if self._end_ns is None else min(self._end_ns, now_ns)
+        self._queues = tuple(queue for queue in self._queues if queue[0] <= now_ns)
+
+    def hand_over(self, mono_ns: int, queue: SampleQueue) -> None:
+        """Put what is stamped from a time on into another queue, whose session begins then."""
+        self._queues = (*self._queues[-2:], (mono_ns, queue))
+
+    def feeds(self, queue: SampleQueue) -> bool:
+        """Whether a sample may still come to a queue."""
+        return self.is_running and self._queue_of(0) is queue
+
+    def _queue_of(self, mono_ns: int) -> SampleQueue:
+        """The queue of a stamp; one that comes too late for its session goes to the next."""
+        at_ns = max(mono_ns, self._clock.mono_ns() - LATE_NS)
+        return next(queue for since_ns, queue in reversed(self._queues) if since_ns <= at_ns)
 
     def run_shutter(self, request: str) -> None:
         """Ask for a shutter correction, from any thread; an event with ``data["request"]`` answers."""
@@ -201,7 +218,7 @@ class DeviceReader:
                 self.implausible += Quality.IMPLAUSIBLE in sample.quality
                 if Quality.DROPPED_BEFORE in sample.quality:
                     self._report(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
-                self._queue.put(sample)
+                self._queue_of(sample.mono_ns).put(sample)
                 self._report_indicators(sample)
                 if Quality.FROZEN in sample.quality:
                     raise DeviceLostError("the image is frozen")
@@ -333,7 +350,7 @@ class DeviceReader:
         now = self._clock.mono_ns()
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
-        self._queue.put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+        self._queue_of(now).put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
 
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:

@@ -266,7 +266,13 @@ class HealthMonitor:
     disk: DiskMonitor = field(default_factory=DiskMonitor)
 
     def __post_init__(self) -> None:
-        self._garbled, self._clock_monitor, self._rates = GarbleMonitor(), ClockMonitor(), _Rates()
+        # readers may have read for an earlier session, of which nothing is counted here
+        self._before = {
+            reader.info.name: (reader.received, reader.rejected, reader.implausible)
+            for reader in self.readers
+        }
+        self._garbled = GarbleMonitor({name: rejected for name, (_, rejected, _) in self._before.items()})
+        self._clock_monitor, self._rates = ClockMonitor(), _Rates()
         self._check_pace = ClockCheckSchedule()
         self._late_max_us: Counter[str] = Counter()
         self._next_ns = self.clock.mono_ns()
@@ -325,9 +331,15 @@ class HealthMonitor:
     def _stream_health(self, reader: DeviceReader) -> StreamHealth:
         name = reader.info.name
         dropped, waiting = self.queue.dropped[name], self.queue.waiting(name)
-        late_us = self._late_max_us[name]
+        received, rejected, implausible = self._before[name]
         return StreamHealth(
-            name, reader.received, dropped, waiting, late_us, reader.rejected, reader.implausible
+            name,
+            reader.received - received,
+            dropped,
+            waiting,
+            self._late_max_us[name],
+            reader.rejected - rejected,
+            reader.implausible - implausible,
         )
 
 

@@ -6,16 +6,17 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import InitVar, dataclass, field
 from functools import partial
 from itertools import chain
 from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.alarm import Phase
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
@@ -82,6 +83,9 @@ class Recorder:
     yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is
     monotonic; `stopping` may be set before the recorder exists. `earlier` are samples from before the
     start, in order, that the session begins with. Call `run` once.
+
+    From `split_ns` (monotonic) on samples belong to the session of another recorder, whose `previous` is this
+    one and which has its instruments, views and alarms: call `record`, then `finish` in a thread of its own.
     """
 
     devices: Sequence[Device]
@@ -99,10 +103,22 @@ class Recorder:
     alarms: AlarmWatch = field(default_factory=AlarmWatch)
     stopping: threading.Event = field(default_factory=threading.Event)
     earlier: Iterable[Sample] = ()
+    split_ns: int | None = None
+    previous: InitVar[Recorder | None] = None
 
-    def __post_init__(self) -> None:
-        self._queue = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
-        self._readers = [self._reader(device) for device in self.devices]
+    def __post_init__(self, previous: Recorder | None) -> None:
+        self._start_text = "recording started"
+        if previous is None:
+            self._queue = self._new_queue()
+            self._readers = [self._reader(device) for device in self.devices]
+        else:
+            self._queue, self._readers = previous._next_queue, previous._readers
+            self._start_text = f"the recording {previous.writer.path.stem} goes on"
+        if self.split_ns is not None:
+            self._next_queue: SampleQueue = self._new_queue()
+            for reader in self._readers:
+                reader.hand_over(self.split_ns, self._next_queue)
+        self._is_split = False
         disk = DiskMonitor(self.disk_reserve_bytes)
         self._health = HealthMonitor(
             self.clock, self._readers, self._queue, self.writer, self.free_bytes, disk
@@ -125,28 +141,57 @@ class Recorder:
         Raises `StorageError` only if sealing fails too: on a full disk the session is sealed early and
         `Summary.failure` holds the error.
         """
-        self._report(EventKind.START, "recording started")
-        self.clock.hold_until(self._queue.is_settled)
-        try:
+        self.record()
+        return self.finish()
+
+    def record(self) -> bool:
+        """Record until the end, or until the next session begins; whether it does."""
+        with self._abandoning_on_failure():
+            self._report(EventKind.START, self._start_text, data={"session": self.writer.path.stem})
+            self._keep_present_alarms()
             self._start_readers()
             self._keep_earlier()
-            while self._is_active():
+            while self._is_active() and not self._is_due():
                 self._take(self._queue.get(0.1))
+        self._is_split = self._failure is None and self._is_due()
+        return self._is_split
+
+    def finish(self, next_session: str = "") -> Summary:
+        """Store what is left and seal; instruments and views stay open for the next session."""
+        with self._abandoning_on_failure():
             self._stop_readers()
             self._finish_events()
             self._finish_estimates()
-            self._report(EventKind.STOP, "recording stopped")
+            if self._is_split:
+                data = {"next_session": next_session}
+                self._report(EventKind.STOP, f"the recording goes on in {next_session}", data=data)
+            else:
+                self._report(EventKind.STOP, "recording stopped")
             seal = self.writer.close()
-        except BaseException:  # a second Ctrl-C or a bug: the journal keeps everything
-            self.writer.abandon()
-            raise
-        finally:
-            if self._estimating is not None:
-                self._estimating.close()
-            self._views.close()
-            self.alarms.close()
+        self._close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
         return Summary(counts, dict(self._queue.dropped), self._last_minute, seal, self._failure)
+
+    @contextmanager
+    def _abandoning_on_failure(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:  # a second Ctrl-C or a bug: the journal keeps everything
+            self.writer.abandon()
+            self._close()
+            raise
+
+    def _close(self) -> None:
+        if self._estimating is not None:
+            self._estimating.close()
+        if not self._is_split:
+            self._views.close()
+            self.alarms.close()
+
+    def _new_queue(self) -> SampleQueue:
+        queue = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
+        self.clock.hold_until(queue.is_settled)
+        return queue
 
     # --- reading threads
 
@@ -159,7 +204,8 @@ class Recorder:
     def _start_readers(self) -> None:
         with self.clock.taking_part():  # simulated time stands still until every reader takes part
             for reader in self._readers:
-                reader.start()
+                if not reader.ready.is_set():
+                    reader.start()
             for reader in self._readers:
                 reader.ready.wait()
 
@@ -168,17 +214,24 @@ class Recorder:
             return False
         return any(reader.is_running for reader in self._readers)
 
+    def _is_due(self) -> bool:
+        return self.split_ns is not None and self.clock.mono_ns() >= self.split_ns
+
     def _stop_readers(self) -> None:
-        """Let the readers end and process what they still queue; a blocked one is abandoned."""
+        """Let the readers end, or go over to the next session; process what they still queue.
+
+        A blocked one is abandoned.
+        """
         for reader in self._readers:
-            reader.stop()
+            if not self._is_split:
+                reader.stop()
         deadline = time.monotonic() + 5.0
-        while any(reader.is_running for reader in self._readers) and time.monotonic() < deadline:
+        while any(reader.feeds(self._queue) for reader in self._readers) and time.monotonic() < deadline:
             self._take(self._queue.get(0.02))
         while (item := self._queue.get(0.0)) is not None:
             self._take(item)
         for reader in self._readers:
-            if not reader.join(0.0):
+            if not (self._is_split or reader.join(0.0)):
                 text = f"{reader.info.name}: its driver does not come back and is left behind"
                 self._report(EventKind.LOST, text, Severity.ERROR)
 
@@ -190,7 +243,7 @@ class Recorder:
         """
         with suppress(OSError):  # an event may need the space; if it cannot be freed, closing reports it
             self.writer.release_reserve()
-        if not self._carry_out(self.last_requests()):
+        if not self.carry_out(self.last_requests()):
             raise StorageError(
                 f"the last marks could not be stored in {self.writer.path}; they are kept beside it",
                 fix="free some space, then: " + Action.RECOVER(self.writer.path),
@@ -207,6 +260,13 @@ class Recorder:
 
     # --- items: the session first
 
+    def _keep_present_alarms(self) -> None:
+        """Store the alarms that were raised in an earlier session, which then is complete without it."""
+        now = self.clock.mono_ns()
+        for alarm in self.alarms.present:
+            phase = Phase.ACKNOWLEDGED if alarm.acknowledged else Phase.RAISED
+            self._keep_event(alarm.event(phase, now, self.clock.to_utc_ns(now)))
+
     def _keep_earlier(self) -> None:
         """Store what was measured before the start; the queue keeps what comes meanwhile."""
         for sample in self.earlier:
@@ -217,7 +277,8 @@ class Recorder:
     def _take(self, item: Item | None) -> None:
         if item is not None:
             self._keep(item)
-        self._check_health()
+        if not self._is_split:
+            self._check_health()
         if item is not None:
             self._queue.finish(item)  # only now may a simulated clock move on
         if self._estimating is not None and not self.clock.is_real:
@@ -257,7 +318,7 @@ class Recorder:
         self._store(lambda: self.writer.put(event))
         self._pass_on(event)
 
-    def _carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
+    def carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
         """Store and follow requests; stops at the first that cannot be stored, which comes again."""
         for request in requests:
             if isinstance(request, ShutterRequest):
@@ -311,7 +372,7 @@ class Recorder:
         late = self._late.update(self._estimating.waited_s(), now, utc) if self._estimating else ()
         for event in chain(snapshot.events, self._storage.summary(now, utc), late):
             self._keep_event(event)
-        self._carry_out(self.requests())
+        self.carry_out(self.requests())
         self._pass_on(health)
         if self._health.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
@@ -380,6 +441,8 @@ class Recorder:
     def _pass_on(self, item: Shown) -> None:
         """Show an item that is stored, and store the alarms that follow from it."""
         self._views.show(item)
+        if self._is_split:  # alarms are the next session's
+            return
         try:
             events = self.alarms.update(item)
         except Exception as error:
@@ -399,6 +462,8 @@ class Recorder:
 class ViewDispatcher:
     """Passes items to all views; one that raises is removed, and `removed` receives its error."""
 
+    _lock = threading.RLock()  # of all: where one session follows another, two recorders have the same views
+
     def __init__(self, views: Sequence[View], removed: Callable[[Exception], None]) -> None:
         self._views = list(views)
         self._removed = removed
@@ -415,7 +480,8 @@ class ViewDispatcher:
 
     def _guard(self, view: View, act: Callable[[], None]) -> None:
         try:
-            act()
+            with self._lock:
+                act()
         except Exception as error:
             log.exception("view failed")
             self._views.remove(view)

@@ -25,7 +25,8 @@ class RecordOptions(BaseModel):
 
     `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
     replaces `duration_s`. `include_last_s` is how far back the samples of a preview that ends now become the
-    recording's first. `settings` are ``KEY=VALUE`` over ``fieldkit.toml``.
+    recording's first. `split` replaces that of ``[record]``. `settings` are ``KEY=VALUE`` over
+    ``fieldkit.toml``.
     """
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid")
@@ -36,6 +37,7 @@ class RecordOptions(BaseModel):
     until: datetime.time | None = None
     include_last_s: float | None = None
     allow_missing: bool = False
+    split: str = ""
     settings: tuple[str, ...] = ()
 
 

@@ -14,7 +14,7 @@ import logging
 import shutil
 import uuid
 from collections import defaultdict, deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +112,7 @@ class Included:
     """Samples from before a recording that become its first ones, in order; `start_ns` is monotonic."""
 
     start_ns: int
-    samples: Iterator[Sample]
+    samples: Iterable[Sample]
 
 
 @dataclass(frozen=True, slots=True)

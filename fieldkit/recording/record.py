@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import time
@@ -19,8 +20,9 @@ from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.channels import with_components
 from fieldkit.model.device import StreamInfo, frame_shapes
-from fieldkit.model.durations import as_seconds
+from fieldkit.model.durations import as_seconds, times_of_day
 from fieldkit.model.mark_times import moments_of
+from fieldkit.model.samples import Sample
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
@@ -56,6 +58,7 @@ def record(
     name: str = "",
     include_last: str | float | None = None,
     allow_missing: bool = False,
+    split: str = "",
     on_minute: Callable[[Minute], None] | None = None,
     notify: Notify = log.warning,
 ) -> Session:
@@ -81,6 +84,10 @@ def record(
         ``"2m"``, as far as it still has it.
     allow_missing
         Record without instruments that are not plugged in, or whose driver hangs.
+    split
+        When a session ends and the next begins, without a lost sample: ``"1d"`` at each midnight of the
+        site, ``"6h"``, or a time of day such as ``"09:00"``. By default as ``[record]`` has it. What is
+        returned is the last session.
     on_minute
         Called with each minute as it closes, from the recording thread; it must return at once. If it
         raises, it is not called again and the recording goes on.
@@ -110,6 +117,7 @@ def record(
         duration_s=None if duration is None else as_seconds(duration),
         include_last_s=None if include_last is None else as_seconds(include_last),
         allow_missing=allow_missing,
+        split=split,
     )
     views: list[View] = [] if on_minute is None else [MinuteView(on_minute)]
     with prepare(config, options, notify) as prepared, _stopped_by_interrupt() as stopping:
@@ -143,10 +151,14 @@ def _stopped_by_interrupt() -> Iterator[threading.Event]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedSession:
-    """A session that was recorded and sealed: its file, and how the recording went."""
+    """A session that was recorded and sealed: its file, and how the recording went.
+
+    `earlier` are those that came before it in a recording that was split.
+    """
 
     path: Path
     summary: Summary
+    earlier: tuple[RecordedSession, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +172,7 @@ class PreparedRecording:
     duration_s: float | None = None
     begins_ns: int | None = None
     included: Included | None = None
+    split: tuple[time, ...] = ()
 
     def begins_in_s(self) -> float:
         """Seconds until the time at which the recording is to begin; 0 without one, or once it has come."""
@@ -167,12 +180,12 @@ class PreparedRecording:
             return 0.0
         return max(0.0, (self.begins_ns - self.instruments.clock.mono_ns()) / SECOND_NS)
 
-    def latest(self, planned_end_ns: int | None = None) -> Latest:
-        """An empty state for views; by default it ends after the planned duration from now."""
-        if planned_end_ns is None and self.duration_s is not None:
-            planned_end_ns = self.instruments.utc_ns() + round(self.duration_s * SECOND_NS)
-        config, streams = self.config, self.instruments.streams
-        return Latest(config.site, config.regions, streams, self.path.stem, planned_end_ns)
+    def latest(self) -> Latest:
+        """An empty state for views; it ends after the planned duration from now."""
+        end_ns = None
+        if self.duration_s is not None:
+            end_ns = self.instruments.utc_ns() + round(self.duration_s * SECOND_NS)
+        return Latest(self.config.site, self.config.regions, self.instruments.streams, self.path.stem, end_ns)
 
     def starting_now(self) -> PreparedRecording:
         """The same recording, its path named after the present time: call after waiting for the user."""
@@ -186,53 +199,131 @@ class PreparedRecording:
         `command_line` goes into the session's provenance. Raises `StorageError` if nothing can be stored;
         a disk that fills up later is in ``summary.failure``.
         """
-        config, instruments = self.config, self.instruments
-        alarms = alarm_watch(config, instruments.streams)
-        start_ns = instruments.clock.mono_ns()
-        header = header_of(config, self.name, instruments.streams, command_line)
-        included = self.included or Included(start_ns, iter(()))
-        writer = SessionWriter(self.path, header, instruments.clock, included.start_ns)
-        redrawing = Redrawing(config.regions, frame_shapes(instruments.streams), config.site)
-        requests = RequestReader(inbox(self.path), instruments.clock, redrawing)
-        estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
+        start_ns = self.instruments.clock.mono_ns()
         end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)
+        series = _Series(self, views, stopping or threading.Event(), command_line, end_ns)
+        included = self.included or Included(start_ns, ())
+        session = series.begin(self.path, included.start_ns, included.samples)
+        # a session is sealed, which takes minutes after a long day, while the next one is recorded
+        with ThreadPoolExecutor(thread_name_prefix="seal") as sealing:
+            earlier = []
+            while session.recorder.record():
+                following = series.follow(session)
+                earlier.append(sealing.submit(session.finish, following.path.stem))
+                session = following
+            last = session.finish()
+        return replace(last, earlier=tuple(before.result() for before in earlier))
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenSession:
+    """A session while it is recorded, and what exists as long as it does."""
+
+    path: Path
+    recorder: Recorder
+    requests: RequestReader
+    followers: Sequence[View]
+
+    def finish(self, next_session: str = "") -> RecordedSession:
+        """Seal it; raises `StorageError`."""
+        writer = self.recorder.writer
         try:
-            summary = Recorder(
-                devices=instruments.devices,
-                reopen=instruments.reopen,
-                writer=writer,
-                estimator=estimator,
-                clock=instruments.clock,
-                free_bytes=instruments.free_bytes,
-                sampling=sampling_of(config),
-                views=(*views, *self._views_of_followers(end_ns, header.title)),
-                end_ns=end_ns,
-                requests=requests,
-                last_requests=requests.close,
-                disk_reserve_bytes=disk_reserve_bytes(config),
-                alarms=alarms,
-                stopping=stopping or threading.Event(),
-                earlier=included.samples,
-            ).run()
+            summary = self.recorder.finish(next_session)
         finally:
             writer.abandon()  # no effect after sealing; otherwise the journal is kept for recovery
-        self._keep(estimator)
-        return RecordedSession(self.path, summary)
-
-    def _keep(self, estimator: Estimator) -> None:
-        """Leave the minutes to the first report or check, which otherwise estimates them again."""
         try:
-            keep_recorded(self.path, estimator)
+            # the first report or check would otherwise estimate the minutes again
+            keep_recorded(self.path, self.recorder.estimator)
         except Exception as error:  # the session is sealed: nothing may make its recording look failed
             log.info("the recording's own minutes were not kept: %s", error)
+        return RecordedSession(self.path, summary)
 
-    def _views_of_followers(self, end_ns: int | None, title: str) -> list[View]:
+
+class _Series:
+    """The sessions of one recording: one, or one after the other where it is split by the time of day.
+
+    Instruments, views and alarms are those of all; regions go on as they were redrawn. Each session has an
+    estimator of its own, so that its minutes are those of any later estimate of it.
+    """
+
+    def __init__(
+        self,
+        prepared: PreparedRecording,
+        views: Sequence[View],
+        stopping: threading.Event,
+        command_line: str,
+        end_ns: int | None,
+    ) -> None:
+        config, instruments = prepared.config, prepared.instruments
+        self._prepared, self._views, self._stopping, self._end_ns = prepared, views, stopping, end_ns
+        self._header = header_of(config, prepared.name, instruments.streams, command_line)
+        self._alarms = alarm_watch(config, instruments.streams)
+        self._redrawing = Redrawing(config.regions, frame_shapes(instruments.streams), config.site)
+
+    def follow(self, session: _OpenSession) -> _OpenSession:
+        """The session that takes over; requests sent to the one before are carried out in it."""
+        start_ns = session.recorder.split_ns
+        assert start_ns is not None
+        prepared = self._prepared
+        time_ns = prepared.instruments.clock.to_utc_ns(start_ns)
+        path = session_path(prepared.config, prepared.name, time_ns)
+        following = self.begin(path, start_ns, previous=session.recorder)
+        following.recorder.carry_out(session.requests.close())
+        for view in session.followers:  # whose readers look for the session that is recorded
+            view.close()
+        return following
+
+    def begin(
+        self, path: Path, start_ns: int, samples: Iterable[Sample] = (), previous: Recorder | None = None
+    ) -> _OpenSession:
+        """A session from a time on (monotonic); raises as `SessionWriter`."""
+        config, instruments = self._prepared.config, self._prepared.instruments
+        regions, clock = self._redrawing.regions, instruments.clock
+        writer = SessionWriter(path, replace(self._header, regions=regions), clock, start_ns)
+        requests = RequestReader(inbox(path), clock, self._redrawing)
+        followers = self._followers(path)
+        recorder = Recorder(
+            devices=instruments.devices,
+            reopen=instruments.reopen,
+            writer=writer,
+            estimator=Estimator(config.site, regions, instruments.streams, config.estimator_settings()),
+            clock=clock,
+            free_bytes=instruments.free_bytes,
+            sampling=sampling_of(config),
+            views=(*self._views, *followers),
+            end_ns=self._end_ns,
+            requests=requests,
+            last_requests=requests.close,
+            disk_reserve_bytes=disk_reserve_bytes(config),
+            alarms=self._alarms,
+            stopping=self._stopping,
+            earlier=samples,
+            split_ns=self._split_ns(max(start_ns, clock.mono_ns())),
+            previous=previous,
+        )
+        return _OpenSession(path, recorder, requests, followers)
+
+    def _split_ns(self, mono_ns: int) -> int | None:
+        """When the next session takes over from one that records now (monotonic); None if none does."""
+        clock, site = self._prepared.instruments.clock, self._prepared.config.site
+        utc_ns = clock.to_utc_ns(mono_ns)
+        waits_ns = [ns_until(moment, site, utc_ns) for moment in self._prepared.split]
+        if not waits_ns:
+            return None
+        seconds = round((utc_ns + min(waits_ns)) / SECOND_NS)  # local times have microseconds
+        split_ns = mono_ns + seconds * SECOND_NS - utc_ns
+        return None if self._end_ns is not None and split_ns >= self._end_ns else split_ns
+
+    def _followers(self, path: Path) -> list[View]:
         """Views by which other programs follow the recording, as far as they can be opened."""
-        latest = self.latest(None if end_ns is None else self.instruments.clock.to_utc_ns(end_ns))
+        prepared, title = self._prepared, self._header.title
+        end_ns = None if self._end_ns is None else prepared.instruments.clock.to_utc_ns(self._end_ns)
+        streams, regions = prepared.instruments.streams, self._redrawing.regions
+        latest = Latest(prepared.config.site, regions, streams, path.stem, end_ns)
         offered: list[View] = []
         for offer in (
-            lambda: Feed(feed_path(journal_path(self.path)), latest),
-            lambda: StatusServer(self.path, title, latest),
+            lambda: Feed(feed_path(journal_path(path)), latest),
+            lambda: StatusServer(path, title, latest),
         ):
             try:
                 offered.append(offer())
@@ -278,7 +369,10 @@ def prepare(
         start_ns = now_ns + wait_ns if included is None else included.start_ns
         path = session_path(config, options.name, instruments.clock.to_utc_ns(start_ns))
         begins_ns = None if options.at is None else now_ns + wait_ns
-        yield PreparedRecording(config, instruments, path, options.name, duration_s, begins_ns, included)
+        split = times_of_day(options.split or config.tables.record.split)
+        yield PreparedRecording(
+            config, instruments, path, options.name, duration_s, begins_ns, included, split
+        )
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:

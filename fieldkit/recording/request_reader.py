@@ -95,8 +95,8 @@ class RequestReader:
         Raises `StorageError` if they cannot be read: this is the last attempt, and sealing removes them.
         """
         with suppress(OSError):
-            self.folder = self.folder.rename(closed_inbox(self.folder))
-        return self._take(_oldest_first(self.folder))
+            self.folder.rename(closed_inbox(self.folder))
+        return self._take([*_oldest_first(closed_inbox(self.folder)), *_oldest_first(self.folder)])
 
 
 def recover_session(path: Path) -> RecoveryReport:

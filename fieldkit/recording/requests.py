@@ -109,6 +109,8 @@ def send_to_recorder(recordings: Path, request: Request) -> SentRequest:
     try:
         return SentRequest(session, send(inbox(session), request))
     except FileNotFoundError:
+        if running_session(recordings) != session:  # the next one of a recording that is split
+            return send_to_recorder(recordings, request)
         what = "mark" if isinstance(request, Mark) else "request"
         raise RefusedError(
             f"{session.name} has just ended and is being sealed: the {what} comes too late",

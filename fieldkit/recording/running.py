@@ -71,8 +71,11 @@ def _call_off(recordings: Path) -> bool:
 
 
 def session_in_progress(recordings: Path) -> Path | None:
-    """The session that a living process is writing, or None; an interrupted one is not in progress."""
-    for journal in sorted(recordings.glob(f"*.h5{JOURNAL}")):
+    """The session that a living process is writing, or None; an interrupted one is not in progress.
+
+    The latest of a recording that is split by the time of day, of which the one before is being sealed.
+    """
+    for journal in sorted(recordings.glob(f"*.h5{JOURNAL}"), reverse=True):
         if is_locked(journal):
             return journal.with_name(journal.name.removesuffix(JOURNAL))
     return None

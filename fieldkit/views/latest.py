@@ -121,6 +121,8 @@ class Latest:
             self.raised = {**self.raised, event.severity: self.raised.get(event.severity, 0) + 1}
         if event.kind is EventKind.GAP:
             self.gaps = {**self.gaps, event.stream: self.gaps.get(event.stream, 0) + 1}
+        if event.kind is EventKind.START:  # another session goes on with the recording
+            self.title = str(event.data.get("session", self.title))
         if event.kind in (EventKind.CLOCK_STEP, EventKind.SLEPT):
             self.clock_event = event
 

@@ -47,8 +47,8 @@ class RecordingReports:
     sample, ``STOPPING=1`` before the session is sealed, both only by the service's main process.
     """
 
-    def __init__(self, session: str) -> None:
-        self._session = session
+    def __init__(self) -> None:
+        self._session = ""
         self._awaits_sample = self._is_main = is_main_process()
         self._next_s = 0.0
 
@@ -59,7 +59,9 @@ class RecordingReports:
         elif self._awaits_sample and isinstance(item, Frame | Reading):
             self._awaits_sample = False
             notify("READY=1", f"STATUS=recording {self._session}")
-        elif self._is_main and isinstance(item, Event) and item.kind is EventKind.STOP:
+        elif isinstance(item, Event) and item.kind is EventKind.START:
+            self._session = item.data.get("session", self._session)
+        elif self._is_main and isinstance(item, Event) and _is_end(item):
             notify("STOPPING=1", f"STATUS=sealing {self._session}")
 
     def close(self) -> None:
@@ -72,3 +74,8 @@ class RecordingReports:
         samples = sum(stream.received for stream in health.streams)
         free = formatting.size(health.disk_free_bytes)
         notify("WATCHDOG=1", f"STATUS=recording {self._session}: {samples} samples, {free} free")
+
+
+def _is_end(event: Event) -> bool:
+    """Whether the recording ends, and not only a session that another one follows."""
+    return event.kind is EventKind.STOP and "next_session" not in event.data

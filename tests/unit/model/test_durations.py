@@ -17,6 +17,7 @@ from fieldkit.model.errors import ConfigError
         ("3h", 10_800.0),
         ("1.5h", 5400.0),
         ("2h30m", 9000.0),
+        ("1d12h", 129_600.0),
         ("45s", 45.0),
         ("10min", 600.0),
         ("1h5min30", 3930.0),
@@ -30,7 +31,7 @@ def test_durations(text, seconds):
     assert parse_duration(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "10", "1.5", "soon", "1d", "10s30", "-5m", "1.55.5", "3 h"])
+@pytest.mark.parametrize("text", ["", "10", "1.5", "soon", "1w", "10s30", "-5m", "1.55.5", "3 h"])
 def test_anything_else_is_not_a_duration(text):
     with pytest.raises(ConfigError, match="is not a valid duration; use 3h, 90m or 45s"):
         parse_duration(text)
@@ -43,7 +44,7 @@ def test_offsets_carry_a_sign_and_are_seconds_without_a_unit(text, seconds):
     assert parse_offset(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "+", "--5s", "1d", "soon"])
+@pytest.mark.parametrize("text", ["", "+", "--5s", "1w", "soon"])
 def test_anything_else_is_not_an_offset(text):
     with pytest.raises(ConfigError, match=r"\+12s or -2m"):
         parse_offset(text)

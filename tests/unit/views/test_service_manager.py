@@ -117,7 +117,7 @@ def test_a_blocked_recorder_feeds_no_watchdog_while_its_reading_threads_go_on(ma
 
     config = load_config(folder / "fieldkit.toml", settings=["simulation.speed=1"])
     with prepare(config, RecordOptions()) as prepared:
-        views = (RecordingReports(prepared.path.stem), Blocks())
+        views = (RecordingReports(), Blocks())
         recorder = threading.Thread(target=lambda: prepared.run(views, stopping=stopping))
         recorder.start()
         assert blocked.wait(60)
