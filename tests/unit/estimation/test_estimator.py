@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.model.samples import EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
@@ -12,7 +13,7 @@ from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics.camera_laws import Planck, planck_counts
 from fieldkit.physics.facet import angle_between_deg, normal
-from tests.harness.last_minute import last_of
+from tests.harness.last_minute import collected, history_of, last_of, measured
 
 
 def run(yard, samples, settings=None) -> list[Minute]:
@@ -34,6 +35,18 @@ def with_frames(yard, samples, change, after_min=0.0):
 
 def by_name(minute: Minute) -> dict:
     return {estimate.region: estimate for estimate in minute.estimates}
+
+
+@pytest.fixture(scope="module")
+def hour(yard):
+    """The bins of an hour, which do not depend on how slopes are found."""
+    return history_of(yard, yard.samples(61))
+
+
+def slopes_after(yard, hour, **settings):
+    """Slopes at the end of the hour by the paper's model."""
+    settings = EstimatorSettings(**{"model": "paper", "window_s": 3600.0, **settings})
+    return {slope.region: slope for slope in SlopeChain(yard.beds, settings).at(hour).slopes}
 
 
 @pytest.fixture(scope="module")
@@ -81,10 +94,10 @@ def test_a_region_below_its_horizon_is_flagged_and_the_others_are_as_they_were(y
 
 def stacked(yard, samples):
     """The bins of all samples to the bit, from which any model makes its slopes."""
-    estimator = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings(model="paper"))
-    closed = [minute for sample in samples for minute in estimator.add(sample)] + estimator.finish()
-    bins = History.of(estimator.bins).arrays()
-    return repr(closed), {name: values.tobytes() for name, values in bins.items()}
+    _, closed = collected(yard, samples)
+    bins = History.of([entry for entry, _ in closed]).arrays()
+    events = [event for _, reported in closed for event in reported]
+    return events, {name: values.tobytes() for name, values in bins.items()}
 
 
 def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
@@ -97,11 +110,10 @@ def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
     assert in_order == mixed
 
 
-def test_contours_find_the_beds_within_their_regions(yard):
-    settings = EstimatorSettings(model="paper", method="contours", window_s=3600.0, tilt_limit_deg=30.0)
-    minute = last_of(yard, yard.samples(61), settings)
+def test_contours_find_the_beds_within_their_regions(yard, hour):
+    slopes = slopes_after(yard, hour, method="contours", tilt_limit_deg=30.0)
     for bed in yard.beds[1:]:
-        found = by_name(minute)[bed.name]
+        found = slopes[bed.name]
         truth = normal(bed.tilt_deg, bed.azimuth_deg)
         # the mean over a grid of half a degree
         assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), truth) < 0.4
@@ -175,9 +187,8 @@ def test_flat_target_is_called_flat(yard):
     assert found.reason.startswith("flat within")
 
 
-def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
-    uncertain = EstimatorSettings(model="paper", window_s=3600.0, offset_sd_k=2.0)
-    for found in last_of(yard, yard.samples(61), uncertain).estimates:
+def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard, hour):
+    for found in slopes_after(yard, hour, offset_sd_k=2.0).values():
         assert found.state == SlopeState.UNCERTAIN
         low, high = found.tilt_low_deg, found.tilt_high_deg
         assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
@@ -185,13 +196,12 @@ def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
 
 @pytest.mark.parametrize(("azimuth", "factor"), [("known", 1.1916), ("free", 1.1406)])
 def test_regions_of_another_confidence_are_wider_by_the_root_of_the_chi_square_quantiles(
-    yard, azimuth, factor
+    yard, hour, azimuth, factor
 ):
     """3.8415 over 2.7055 with one angle, 5.9915 over 4.6052 with two (tables of chi-square)."""
 
     def widths(confidence: float) -> np.ndarray:
-        settings = EstimatorSettings(model="paper", window_s=3600.0, azimuth=azimuth, confidence=confidence)
-        found = last_of(yard, yard.samples(61), settings).estimates
+        found = slopes_after(yard, hour, azimuth=azimuth, confidence=confidence).values()
         assert {one.confidence for one in found} == {confidence}
         return np.array([one.noise_tilt_high_deg - one.noise_tilt_low_deg for one in found])
 
@@ -296,7 +306,7 @@ def test_cloud_holds_the_estimate_and_tells_when_it_began_and_ended(yard):
 
 
 def test_steady_light_makes_no_clouds(yard):
-    assert not any(minute.events for minute in run(yard, replace(yard, noise_k=0.05).samples(60)))
+    assert not any(minute.events for minute in measured(yard, replace(yard, noise_k=0.05).samples(60)))
 
 
 def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
@@ -313,7 +323,7 @@ def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
 def test_regions_follow_a_camera_that_moved(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     shifted = with_frames(yard, samples, lambda counts, _: np.roll(counts, (3, 2), (0, 1)), after_min=6)
-    minutes, still = run(yard, shifted), run(yard, samples)
+    minutes, still = measured(yard, shifted), measured(yard, samples)
     (event,) = (event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED)
     assert "3.6 px" in event.text
     assert not any(minute.flags & Quality.MOVED for minute in minutes)
@@ -340,12 +350,12 @@ def test_minutes_in_which_regions_are_lost_change_no_slope(yard, model, to_deg):
         for s in samples
     ]
     settings = EstimatorSettings(model=model, azimuth="known")
-    minutes = run(yard, shifted, settings)
-    without = run(yard, [s for s in samples if not is_of_moved(s)], settings)
+    minutes = measured(yard, shifted)
+    found = by_name(last_of(yard, shifted, settings))
+    expected = by_name(last_of(yard, [s for s in samples if not is_of_moved(s)], settings))
     assert [n for n, minute in enumerate(minutes) if minute.flags & Quality.MOVED] == list(moved)
     phases = [one.data["phase"] for minute in minutes for one in minute.events if one.kind is EventKind.MOVED]
     assert phases == ["lost", "corrected"]
-    found, expected = by_name(minutes[-1]), by_name(without[-1])
     for name, slope in found.items():
         assert slope.tilt_deg == pytest.approx(expected[name].tilt_deg, abs=to_deg)
 
@@ -353,16 +363,16 @@ def test_minutes_in_which_regions_are_lost_change_no_slope(yard, model, to_deg):
 def test_frozen_picture_is_seen_without_the_drivers_help(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     first = next(s for s in samples if isinstance(s, Frame))
-    minutes = run(yard, with_frames(yard, samples, lambda *_: first.counts, after_min=5))
+    minutes = measured(yard, with_frames(yard, samples, lambda *_: first.counts, after_min=5))
     assert [bool(minute.flags & Quality.FROZEN) for minute in minutes] == [False] * 6 + [True] * 6
 
 
 def test_late_samples_are_left_out_and_counted(yard):
     samples = yard.samples(6)
     late = samples.pop(3)
-    minutes = run(yard, [*samples, late])
-    assert minutes[-1].time_ns == last_of(yard, samples).time_ns
-    (late_notice,) = (e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events)
+    minutes = measured(yard, [*samples, late])
+    assert minutes[-1].time_ns == measured(yard, samples)[-1].time_ns
+    (late_notice,) = (e.text for m in measured(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events)
     assert late_notice.startswith("1 samples")
     assert "2 s late" in late_notice
 
@@ -396,7 +406,7 @@ def test_camera_with_a_law_of_its_own_gives_the_same_temperatures(yard):
     other = replace(yard, streams=(camera, *yard.streams[1:]))
     samples = yard.samples(12)
     own = with_frames(yard, samples, lambda counts, _: to_counts(counts))
-    for one, same in zip(run(yard, samples), run(other, own), strict=True):
+    for one, same in zip(measured(yard, samples), measured(other, own), strict=True):
         for name, kelvin in one.temperature_k.items():
             assert same.temperature_k[name] == pytest.approx(kelvin, abs=0.1)  # a count is 0.08 K here
 
@@ -428,26 +438,29 @@ def test_window_is_halved_until_one_slope_explains_it(yard):
 
 
 def drifting(yard, beds):
-    """105 minutes in which beds grow warmer by 2 K an hour from the 70th on."""
+    """Slopes at the last 45 of 105 minutes, in which beds grow warmer by 2 K an hour from the 70th on."""
     mask = np.any([bed.mask((60, 80)) for bed in beds], axis=0)
     samples = replace(yard, noise_k=0.05).samples(105)
-    return with_frames(yard, samples, lambda counts, m: counts + mask * round(m / 60.0 * 200), after_min=70)
+    samples = with_frames(
+        yard, samples, lambda counts, m: counts + mask * round(m / 60.0 * 200), after_min=70
+    )
+    history, chain = history_of(yard, samples), SlopeChain(yard.beds, EstimatorSettings(model="paper"))
+    estimated = (chain.at(history.until(last)) for last in range(60, 106))
+    return [{slope.region: slope for slope in minute.slopes} for minute in estimated]
 
 
 def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
     """One bed grows warmer by 2 K an hour from the 70th minute on: seen within half an hour."""
-    minutes = run(yard, drifting(yard, yard.beds[2:3]))
-    seen = [by_name(minute)["b17"] for minute in minutes]
-    first = next(index for index, one in enumerate(seen) if "alone deviates" in one.reason)
-    assert 70 < first <= 100
-    assert seen[first].state == SlopeState.NO_INTERSECTION
-    assert "+0.5 K" in seen[first].reason or "+0.6 K" in seen[first].reason
-    for minute in minutes:
-        assert "alone deviates" not in by_name(minute)["b08"].reason + by_name(minute)["b25"].reason
+    minutes = drifting(yard, yard.beds[2:3])
+    drifts = [slopes["b17"] for slopes in minutes if "alone deviates" in slopes["b17"].reason]
+    assert yard.start_ns + 70 * MINUTE_NS < drifts[0].time_ns <= yard.start_ns + 101 * MINUTE_NS
+    assert drifts[0].state == SlopeState.NO_INTERSECTION
+    assert "+0.5 K" in drifts[0].reason or "+0.6 K" in drifts[0].reason
+    for slopes in minutes:
+        assert "alone deviates" not in slopes["b08"].reason + slopes["b25"].reason
 
 
 def test_no_drift_is_reported_where_all_regions_drift_together(yard):
     """The same drift on every bed is the reference's or the camera's, not one region's."""
-    minutes = run(yard, drifting(yard, yard.beds[1:]))
-    reasons = [slope.reason for minute in minutes for slope in minute.estimates]
+    reasons = [slope.reason for slopes in drifting(yard, yard.beds[1:]) for slope in slopes.values()]
     assert not any("alone deviates" in reason for reason in reasons)

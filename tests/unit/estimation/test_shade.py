@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.disturbances import UNCOOLED_K
-from fieldkit.estimation.estimator import Estimator, EstimatorSettings
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.shade import ShadeTestMonitor
 from fieldkit.estimation.slopes import shaded_rows
 from fieldkit.model.samples import Event, EventKind, Quality
@@ -21,6 +22,7 @@ from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
 from fieldkit.simulation.sky import MeasuredSky
 from fieldkit.weather import packaged_day
+from tests.harness.last_minute import collected
 
 FLAT, B05, B15, B25 = range(4)
 LEAD_S = 7200.0
@@ -96,7 +98,7 @@ def test_a_cloud_is_no_board():
 
 def test_a_shadow_that_creeps_is_no_board():
     """The mean of a region is that of its strips, which the shadow reaches one after the other."""
-    strips = [afternoon_k((B15, 60 + strip, 100)) for strip in range(12)]
+    strips = [afternoon_k((B15, 60 + strip, 100)) for strip in range(0, 12, 2)]
     assert found(np.mean(strips, axis=0)) == (set(), [])
 
 
@@ -130,12 +132,15 @@ def flagged(history, column):
 
 
 def live(yard, samples, marks):
-    """Estimator and minutes where each mark comes when it is made."""
-    estimator = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings(model="paper"))
-    made = [(mark.data["noted_ns"], mark) for mark in marks]
-    items = sorted([*made, *((one.time_ns, one) for one in samples)], key=lambda item: item[0])
-    minutes = [minute for _, item in items for minute in estimator.add(item)]
-    return estimator, minutes + estimator.finish()
+    """Bins and their events where each mark comes when it is made."""
+    items = [(mark.data["noted_ns"], mark) for mark in marks]
+    items = sorted([*items, *((sample.time_ns, sample) for sample in samples)], key=lambda item: item[0])
+    _, closed = collected(yard, (item for _, item in items))
+    return [entry for entry, _ in closed], [events for _, events in closed]
+
+
+def slopes(yard, bins):
+    return SlopeChain(yard.beds, EstimatorSettings(model="paper")).at(History.of(bins)).slopes
 
 
 @pytest.mark.parametrize(
@@ -153,24 +158,20 @@ def test_marks_shade_their_minutes_live_as_in_batch(yard, told, minutes):
     noisy = replace(yard, noise_k=0.05)
     samples = noisy.samples(25)
     marks = [mark(yard, name, at_s, noted_s, phase=phase) for name, at_s, noted_s, phase in told]
-    estimator, as_live = live(noisy, samples, marks)
+    bins, events = live(noisy, samples, marks)
     column = [bed.name for bed in yard.beds].index(told[0][0])
-    history = History.of(estimator.bins)
+    history = History.of(bins)
     assert flagged(history, column) == list(minutes)
-    batch = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings(model="paper"))
-    for one in marks:  # a batch has all marks from the start
-        batch.add(one)
-    again = [minute for sample in samples for minute in batch.add(sample)] + batch.finish()
-    assert repr(again) == repr(as_live)
+    _, batch = collected(yard, [*marks, *samples])  # a batch has all marks from the start
+    assert repr(batch) == repr(list(zip(bins, events, strict=True)))
     for last in range(1, len(history) + 1):
-        then = History.of(estimator.bins[:last])
+        then = History.of(bins[:last])
         assert np.array_equal(history.until(last).is_shaded(), then.is_shaded())
 
 
 def test_an_interval_told_afterwards_shades_the_minutes_before(yard):
     marks = [mark(yard, "b17", 605, 1210, end_s=890)]
-    estimator, _ = live(yard, yard.samples(25), marks)
-    history = History.of(estimator.bins)
+    history = History.of(live(yard, yard.samples(25), marks)[0])
     assert flagged(history.until(20), 2) == []
     assert flagged(history.until(21), 2) == list(range(10, 15))
     assert flagged(history, 2) == list(range(10, 15))
@@ -179,12 +180,11 @@ def test_an_interval_told_afterwards_shades_the_minutes_before(yard):
 def test_a_shade_test_ends_by_itself_and_one_that_cools_nothing_is_reported(yard):
     begun = mark(yard, "b17", 605)
     begun = replace(begun, data={**begun.data, "for_s": 240.0})
-    estimator, minutes = live(replace(yard, noise_k=0.05), yard.samples(25), [begun])
-    assert flagged(History.of(estimator.bins), 2) == list(range(10, 15))
-    warnings = [
-        (n, one.text) for n, each in enumerate(minutes) for one in each.events if "uncooled" in one.data
-    ]
-    ((minute, text),) = warnings
+    bins, events = live(replace(yard, noise_k=0.05), yard.samples(25), [begun])
+    assert flagged(History.of(bins), 2) == list(range(10, 15))
+    ((minute, text),) = (
+        (n, event.text) for n, each in enumerate(events) for event in each if "uncooled" in event.data
+    )
     assert minute == 11
     assert text.startswith("b17 ")
 
@@ -193,35 +193,34 @@ def test_a_mark_taken_back_while_recording_shades_no_minute(yard):
     begun, other = mark(yard, "b17", 605), mark(yard, "b05", 610)
     back = Event(EventKind.MARK, 0, begun.time_ns, "taken back", data={"corrects": 1, "takes_back": 1})
     back.data["noted_ns"] = yard.start_ns + 700 * SECOND_NS
-    estimator, _ = live(yard, yard.samples(25), [begun, other, back])
-    history = History.of(estimator.bins)
+    history = History.of(live(yard, yard.samples(25), [begun, other, back])[0])
     assert flagged(history.until(11), 2) == [10]
     assert flagged(history, 2) == []
 
 
 def test_while_the_reference_is_shaded_every_slope_is_held(yard):
     marks = [mark(yard, "flat", 605), mark(yard, "flat", 720, phase="end")]
-    estimator, minutes = live(yard, yard.samples(15), marks)
-    held = minutes[11].estimates
+    bins, _ = live(yard, yard.samples(15), marks)
+    held = slopes(yard, bins[:12])
     assert {one.state for one in held} == {SlopeState.SHADED}
     assert all("reference" in one.reason for one in held)
-    assert held[0].tilt_deg == minutes[9].estimates[0].tilt_deg
+    assert held[0].tilt_deg == slopes(yard, bins[:10])[0].tilt_deg
     columns = RegionColumns(tuple(yard.beds))
-    shaded = shaded_rows(History.of(estimator.bins), columns, columns.targets[:1])
+    shaded = shaded_rows(History.of(bins), columns, columns.targets[:1])
     assert np.flatnonzero(shaded[:, 0]).tolist() == [10, 11]
 
 
 def test_a_mark_about_an_unknown_region_changes_nothing(yard):
-    estimator, _ = live(yard, yard.samples(8), [mark(yard, "elsewhere", 120)])
-    assert not History.of(estimator.bins).is_shaded().any()
+    bins, _ = live(yard, yard.samples(8), [mark(yard, "elsewhere", 120)])
+    assert not History.of(bins).is_shaded().any()
 
 
 def test_the_hour_after_sunset_is_binned_and_announced_once(yard):
     dusk = replace(yard, start_ns=yard.start_ns + 9 * 3600 * SECOND_NS, dni_w_m2=0.0, noise_k=0.05)
-    estimator, minutes = live(dusk, dusk.samples(60), [])
-    (event,) = (event for minute in minutes for event in minute.events)
+    bins, events = live(dusk, dusk.samples(60), [])
+    (event,) = (event for reported in events for event in reported)
     assert "an hour" in event.text
-    assert len(estimator.bins) == 60
-    assert np.isfinite([one.temperature_k for one in estimator.bins]).all()
-    assert all(one.flags & Quality.LOW_SUN for one in estimator.bins)
-    assert {one.state for one in minutes[-1].estimates} == {SlopeState.LOW_SUN}
+    assert len(bins) == 60
+    assert np.isfinite([entry.temperature_k for entry in bins]).all()
+    assert all(entry.flags & Quality.LOW_SUN for entry in bins)
+    assert {slope.state for slope in slopes(dusk, bins)} == {SlopeState.LOW_SUN}

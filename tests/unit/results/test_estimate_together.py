@@ -82,7 +82,7 @@ def test_a_session_of_two_days_is_joined_as_two_sessions_are(days, tmp_path):
 def test_sessions_of_the_same_minutes_are_refused_by_name(sessions):
     done = typed(*sessions, "--together")
     assert done.exit_code == 3
-    assert f"{sessions[1].resolve()} begins at" in done.stderr.replace("\n", "")
+    assert f"{sessions[1].resolve()}: " in done.stderr.replace("\n", "")
     assert done.stdout == ""
 
 

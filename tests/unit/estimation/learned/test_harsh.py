@@ -17,6 +17,8 @@ from fieldkit.estimation.chain import SlopeChain
 
 MINUTES = 60
 SEEDS = [(6000,), pytest.param((6000, 6001), marks=pytest.mark.slow)]
+SLOW = pytest.mark.slow
+"""Each harm alone, which `everything` contains."""
 
 
 def found(world, history):
@@ -39,8 +41,8 @@ def judge(outcomes, most_deg):
 @pytest.mark.parametrize(
     ("harm", "most_deg"),
     [
-        pytest.param(replace(HARMLESS, shadows_per_h=3.0), 3.0, id="people"),
-        pytest.param(replace(HARMLESS, exchange_fast=0.05), 4.0, id="exchange of its own"),
+        pytest.param(replace(HARMLESS, shadows_per_h=3.0), 3.0, id="people", marks=SLOW),
+        pytest.param(replace(HARMLESS, exchange_fast=0.05), 4.0, id="exchange of its own", marks=SLOW),
         pytest.param(HARSH, 5.0, id="everything"),
     ],
 )
