@@ -6,17 +6,24 @@ Tests compare them. A generated part stands between two comments, ``<!-- generat
 from __future__ import annotations
 
 import inspect
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 import click
+import h5py
 
 from fieldkit.cli import main
 from fieldkit.cli.common import CommandGroup, Options
 from fieldkit.config import toml_schema
 from fieldkit.model.alarm import Condition
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SLOPE_FIELDS
+from fieldkit.sessions.file_tree import file_image, put_columns, put_group
+from fieldkit.sessions.journal import SessionIdentity
+from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, SessionHeader
 
 REFERENCE = Path(__file__).parent / "reference"
 BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
@@ -50,7 +57,71 @@ def command_line() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def slopes() -> str:
+def session_file() -> str:
+    """Everything that a session file can have: of each group its attributes and a table of its datasets."""
+    row = ((0.0, 0.0),) * 3
+    header = SessionHeader(
+        "", Site(0.0, 0.0), (
+            StreamInfo("camera", "brightness_temperature", "K", (8, 10), 0.01, metadata_shape=(1, 10)),
+            StreamInfo("lux", "illuminance", "lx", (1,)),
+            StreamInfo("thermometer", "temperature", "K", (2,), channels=("T1", "T2")),
+        ), (Region("flat", RegionKind.REFERENCE, row),),
+    )  # fmt: skip
+    image = io.BytesIO(file_image(SessionIdentity("", 0, 0, header)))
+    with h5py.File(image, "r+") as file:
+        put_columns(put_group(file, LATER_EVENTS, "NXlog"), LATER_EVENT_COLUMNS)
+        groups = [file, *(node for node in _nodes(file) if isinstance(node, h5py.Group))]
+        return "\n".join([_slopes(), *map(_group, groups)])
+
+
+def _nodes(file: h5py.File) -> list[h5py.Group | h5py.Dataset]:
+    nodes: list[h5py.Group | h5py.Dataset] = []
+    file.visititems(lambda _, node: nodes.append(node))
+    return nodes
+
+
+def _group(group: h5py.Group) -> str:
+    head = [
+        f"### `{group.name}`",
+        "",
+        f"Attributes: {', '.join(f'`{name}`' for name in sorted(group.attrs))}.",
+        "",
+    ]
+    datasets = [node for node in group.values() if isinstance(node, h5py.Dataset)]
+    table = ["| dataset | type | axes | unit | meaning | further attributes |", "|---|---|---|---|---|---|"]
+    return "\n".join([*head, *(table if datasets else ()), *map(_dataset, datasets), ""])
+
+
+_SAID = {"units", "long_name", "flag_values", "flag_masks", "flag_meanings", "NX_class"}
+_OF_LIBRARIES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME"}
+
+
+def _dataset(node: h5py.Dataset) -> str:
+    about = {name: _text(value) for name, value in node.attrs.items() if name not in _OF_LIBRARIES}
+    values = node.attrs.get("flag_values", node.attrs.get("flag_masks", ()))
+    meanings = zip(values, about.get("flag_meanings", "").split(), strict=True)
+    meaning = ", ".join([about.get("long_name", ""), *(f"{value} {word}" for value, word in meanings)])
+    kind = f"text, {node.dtype.itemsize} bytes" if node.dtype.kind == "S" else str(node.dtype)
+    if kind.startswith("text") and node.shape == ():
+        kind = "text"
+    axes = " ".join(dim[0].name.rsplit("/", 1)[1] for dim in node.dims if len(dim)) or "–"
+    more = ", ".join(f"`{name}`" for name in sorted(set(about) - _SAID))
+    cells = (
+        f"`{node.name.rsplit('/', 1)[1]}`",
+        kind,
+        axes,
+        about.get("units", ""),
+        meaning.strip(", "),
+        more,
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _slopes() -> str:
     """A table of the numbers of a slope, which every table and file has."""
     head = ["| number | unit | exported table | meaning |", "|---|---|---|---|"]
     rows = [
@@ -86,7 +157,7 @@ def refreshed(page: Path, text: str) -> str:
 PAGES = {
     REFERENCE / "configuration.md": configuration,
     REFERENCE / "command-line.md": command_line,
-    REFERENCE / "session-file.md": slopes,
+    REFERENCE / "session-file.md": session_file,
     REFERENCE.parent / "how-to/alarms.md": alarms,
 }
 

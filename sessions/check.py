@@ -31,7 +31,6 @@ from fieldkit.sessions.finished_file import STEP_NS, TOLERANCE_NS, propose_time_
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.radiation_check import radiation_findings
 from fieldkit.sessions.reader import SessionReader, open_session
-from fieldkit.sessions.seal import crc_of_crcs, table_crc32
 from fieldkit.sessions.stream_reader import StreamReader
 from fieldkit.sessions.time_map import TimeStep
 
@@ -52,7 +51,7 @@ def check(path: str | Path) -> list[Finding]:
     with session:
         findings: list[Finding] = []
         for check_part in (
-            _state, integrity_findings, _objects, _entries, _streams, _events, clock_findings, sun_findings,
+            _state, integrity_findings, _entries, _streams, _events, clock_findings, sun_findings,
             radiation_findings, _regions,
         ):  # fmt: skip
             try:
@@ -60,20 +59,6 @@ def check(path: str | Path) -> list[Finding]:
             except Exception as error:  # whatever is in the file, the other checks go on
                 findings.append(_fail("file", f"damaged: {message_of(error)}", Action.RECOVER(path)))
         return list(dict.fromkeys(findings))  # the same damage may stop several checks
-
-
-def integrity_findings(session: SessionReader) -> Iterator[Finding]:
-    """Sealed numbers against what is there; the samples themselves are looked at with their stream."""
-    if session.state not in ("sealed", "recovered"):
-        return
-    sealed = session.integrity()
-    for place, name in enumerate(session.streams):
-        stored = session.stream(name).column("crc32")
-        if len(stored) != sealed["count"][place] or crc_of_crcs(stored) != sealed["crc_of_crcs"][place]:
-            yield _fail(name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others")
-    for name, crc32 in session.sealed_tables().items():
-        if table_crc32(session, name) != crc32:
-            yield _fail(name, "the table is not as it was sealed")
 
 
 def _state(session: SessionReader) -> Iterator[Finding]:
@@ -91,7 +76,7 @@ def _state(session: SessionReader) -> Iterator[Finding]:
             yield _fail("state", "interrupted, and its journal is gone", fix)
 
 
-def _objects(session: SessionReader) -> Iterator[Finding]:
+def integrity_findings(session: SessionReader) -> Iterator[Finding]:
     """Everything that gives the numbers their meaning, against the digests taken when it was sealed."""
     if session.state not in ("sealed", "recovered"):
         return
@@ -306,7 +291,7 @@ def clock_findings(session: SessionReader) -> Iterator[Finding]:
         for step in stepped_ns(checks, session.anchor_ns):
             text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
             yield _warn("clock", text)
-        yield _at_the_end(session, checks[-1], proposed, in_force)
+        yield _last_comparison(session, checks, proposed, in_force)
         yield from _sleep(checks, in_force == proposed)
     else:
         yield _ok("clock", "the clocks were not compared while recording")
@@ -315,15 +300,18 @@ def clock_findings(session: SessionReader) -> Iterator[Finding]:
         yield _ok("clock", f"a time map is active: {text}")
 
 
-def _at_the_end(
-    session: SessionReader, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
+def _last_comparison(
+    session: SessionReader, checks: Sequence[ClockCheck], proposed: list[TimeStep], in_force: list[TimeStep]
 ) -> Finding:
-    """Offset of the system clock from the recorded times, and the fix if it is not corrected."""
+    """Offset of the system clock from the recorded times, when it was seen, and the fix if it is open."""
+    last = checks[-1]
+    ends_ns = [session.stream(name).column("mono_ns").max(initial=last.mono_ns) for name in session.streams]
+    before_s = (max(ends_ns) - last.mono_ns) / 1e9
     away_ns = last.utc_minus_mono_ns - session.anchor_ns
     is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
     text = (
-        f"{len(session.clock_checks())} comparisons; "
-        f"at the end the system clock was {away_ns / 1e9:+.3f} s from recorded times"
+        f"{len(checks)} comparisons; at the last, {rounded_duration(before_s)} before the last sample, "
+        f"the system clock was {away_ns / 1e9:+.3f} s from recorded times"
     )
     fix = Action.CORRECT_CLOCK(session.path) if is_open and proposed else ""
     return Finding("warn" if is_open else "ok", "clock", text, fix)

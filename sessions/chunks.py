@@ -196,7 +196,7 @@ class _ColumnWriter:
 
     def __init__(self, dataset: h5py.Dataset, column: Column) -> None:
         self._dataset = dataset
-        self._rows = column.chunk_rows
+        self._rows = dataset.chunks[0]
         self._empty = column.unknown(self._rows)
         self._chunk = self._empty.copy()
         self.length = 0

@@ -29,10 +29,9 @@ _BLOCK_BYTES = 1_048_576
 
 
 def object_paths(file: h5py.File) -> list[str]:
-    """Paths of all groups and datasets of a file, in the order they were made; links are not followed."""
+    """Paths of all groups and datasets of a file, in the order of their names; links are not followed."""
     paths = [ROOT]
-    in_order = {"idx_type": h5py.h5.INDEX_CRT_ORDER, "order": h5py.h5.ITER_INC}
-    h5py.h5o.visit(file.id, lambda path: paths.append(path.decode()), **in_order)
+    h5py.h5o.visit(file.id, lambda path: paths.append(path.decode()))
     return paths
 
 

@@ -49,20 +49,15 @@ class EntryRows:
     def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
         self._regions = {name: number for number, name in enumerate(header.region_names)}
         self._streams = {info.name: number for number, info in enumerate(header.streams)}
-        self._drawn_before = frozenset(self._regions)
         self._places = max(1, len(self._regions))
-        self._versions: dict[str, int] = {}
         self._anchor_ns = anchor_ns
 
     def rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
         """The rows of an entry, each with its table; their numbers may not fit: see `fitting_column`."""
         if isinstance(entry, MinuteRecord):
             yield "irradiance", _irradiance_row(entry)
-            yield "estimates", self._estimates_row(entry)
             for estimate in entry.estimates:
-                if estimate.region not in self._drawn_before:
-                    label = {"time": entry.time_ns // 1000, "region": encode_text(estimate.region, 64)}
-                    yield "later_estimates", {**label, **_estimate_row(estimate)}
+                yield "estimates", {"time": entry.time_ns // 1000, **_estimate_row(estimate)}
             if entry.learnt is not None:
                 yield "learnt", self._learnt_row(entry.time_ns, entry.learnt)
         elif isinstance(entry, RegionRecord):
@@ -74,19 +69,6 @@ class EntryRows:
         else:
             yield "clock", self._clock_row(entry)
 
-    def _estimates_row(self, minute: MinuteRecord) -> Row:
-        count = self._places
-        row: Row = {name: np.full(count, np.nan) for name in SLOPE_FIELDS}
-        row["n_bins"], row["window_start"] = np.zeros((2, count), object)
-        row["state"] = np.full(count, SlopeState.NO_DATA, np.uint8)
-        row["flags"] = np.zeros(count, np.uint32)
-        row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
-        for estimate in minute.estimates:
-            if estimate.region in self._drawn_before:
-                for name, value in _estimate_row(estimate).items():
-                    row[name][self._regions[estimate.region]] = value
-        return {"time": minute.time_ns // 1000, **row}
-
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
         row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
         row |= {name: np.zeros(MAX_LEARNT, "S32") for name in ("name", "unit")}
@@ -97,20 +79,18 @@ class EntryRows:
         for name in _BY_REGION:
             row[name] = np.full(self._places, np.nan)
             for region, value in getattr(learnt, name).items():
-                if region in self._drawn_before:
+                if region in self._regions:  # of those drawn later there is no column
                     row[name][self._regions[region]] = value
         return {"time": time_ns // 1000, "chi_square": learnt.chi_square, **row}
 
     def _region_row(self, record: RegionRecord) -> Row:
         region = record.region
-        number = self._regions.setdefault(region.name, len(self._regions))
-        version = self._versions[region.name] = self._versions.get(region.name, -1) + 1
         vertices, vertices_m = np.full((MAX_VERTICES, 2), np.nan), np.full((MAX_VERTICES, 3), np.nan)
         vertices[: len(region.vertices)] = region.vertices
         if region.points_m:
             vertices_m[: len(region.points_m)] = region.points_m
         return {
-            "time": record.time_ns // 1000, "region": number, "version": version, "kind": int(region.kind),
+            "time": record.time_ns // 1000, "kind": int(region.kind),
             "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
             "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
             "removed": int(record.is_removed), "vertices_m": vertices_m,
@@ -149,7 +129,7 @@ def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
 
 def _estimate_row(estimate: SlopeEstimate) -> Row:
     return {
-        **{name: getattr(estimate, name) for name in _NUMBERS},
+        "region": encode_text(estimate.region, 64), **{name: getattr(estimate, name) for name in _NUMBERS},
         "window_start": estimate.window_start_ns // 1000,
         "state": estimate.state, "flags": int(estimate.flags),
         "model": encode_text(estimate.model, 64), "reason": encode_text(estimate.reason, 160),
@@ -272,28 +252,17 @@ def _region(row: Row) -> Region:
     )  # fmt: skip
 
 
-def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate]:
+def estimates_from(table: Table) -> list[SlopeEstimate]:
     """The estimates of every minute and region that has one."""
-    return [
-        _estimate(
-            region, {name: value[place] if isinstance(value, list) else value for name, value in row.items()}
-        )
-        for row in _rows(table)
-        for place, region in enumerate(regions)
-        if row["model"][place] or row["state"][place] != SlopeState.NO_DATA
-    ]
+    return [_estimate(row) for row in _rows(table)]
 
 
-def later_estimates_from(table: Table) -> list[SlopeEstimate]:
-    """The estimates of regions that were drawn during the recording."""
-    return [_estimate(decode_text(row["region"]), row) for row in _rows(table)]
-
-
-def _estimate(region: str, row: Row) -> SlopeEstimate:
+def _estimate(row: Row) -> SlopeEstimate:
     return SlopeEstimate(
-        row["time_ns"], region, SlopeState(row["state"]), **{name: row[name] for name in _NUMBERS},
-        flags=Quality(row["flags"]), window_start_ns=row["window_start_ns"],
-        model=decode_text(row["model"]), reason=decode_text(row["reason"]),
+        row["time_ns"], decode_text(row["region"]), SlopeState(row["state"]),
+        **{name: row[name] for name in _NUMBERS}, flags=Quality(row["flags"]),
+        window_start_ns=row["window_start_ns"], model=decode_text(row["model"]),
+        reason=decode_text(row["reason"]),
     )  # fmt: skip
 
 

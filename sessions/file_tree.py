@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
 from hashlib import sha256
@@ -23,13 +24,13 @@ from fieldkit.sessions.layout import (
     FILL_COUNT,
     FORMAT_NAME,
     FORMAT_VERSION,
-    INTEGRITY_COLUMNS,
     MAX_LEARNT,
     MAX_VERTICES,
     RECORDING,
     TIME_MAP_COLUMNS,
     Column,
     SessionHeader,
+    chunk_rows,
     chunk_shape,
     encode_text,
     entry_columns,
@@ -37,6 +38,12 @@ from fieldkit.sessions.layout import (
 )
 
 ISO_WIDTH = 32
+
+_INSTRUMENT = (
+    "vendor", "model", "serial_number", "firmware", "port", "identity", "driver", "rate_hz", "accuracy",
+    "latency_s", "wire_time_s", "response_s", "law", "scale", "offset", "unit",
+)  # fmt: skip
+"""Attributes of an instrument's group, as in `StreamInfo`."""
 
 _STATES = "recording_or_interrupted sealed recovered"
 
@@ -46,7 +53,7 @@ _PACKAGES = ("h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pys
 def file_image(identity: SessionIdentity) -> bytes:
     """The bytes of a session file without samples, made in memory: there no disk can fail."""
     memory = io.BytesIO()  # HDF5 1.14's own image of a file in memory fails its checksum
-    with h5py.File(memory, "w", libver=LIBVER, track_order=True) as file:
+    with h5py.File(memory, "w", libver=LIBVER) as file:
         _tree(file, identity)
     return memory.getvalue()
 
@@ -60,12 +67,10 @@ def _tree(file: h5py.File, identity: SessionIdentity) -> None:
     for name, columns in entry_columns(header).items():
         _entry_group(file, name, columns, header)
     _masks(file, header)
-    _calibration(file, header)
     _config(file, header)
-    _integrity(file, header)
     # corrections of the clock are written afterwards and only when asked: data, not edits
     put_columns(put_group(file, "time_map", "NXcollection"), TIME_MAP_COLUMNS)
-    put_digests(file)
+    _integrity(file)
 
 
 def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
@@ -87,9 +92,11 @@ def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
 
 def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     header = identity.header
-    entry = put_group(file, "entry", "NXentry", default=next((s.name for s in header.streams), ""))
+    entry = put_group(file, "entry", "NXentry", default="data")
+    # NeXus looks for what is plotted inside the entry; netCDF wants each group in one place only
+    plotted = next((info for info in header.streams if info.is_camera), header.streams[0])
+    entry["data"] = h5py.SoftLink(f"/{plotted.name}")
     put_text(entry, "title", header.title)
-    put_text(entry, "definition", "NXfieldkit")
     put_text(entry, "program_name", "fieldkit", version=__version__)
     put_text(entry, "start_time", iso_utc(identity.start_ns), ISO_WIDTH)
     put_text(entry, "end_time", "", ISO_WIDTH)
@@ -98,43 +105,23 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     about_anchor = "UTC less host monotonic clock, taken at the start"
     put_data(entry, "utc_minus_mono_ns", np.int64(identity.anchor_ns), units="ns", long_name=about_anchor)
     put_text(put_group(entry, "user", "NXuser"), "name", header.operator)
-    put_text(put_group(entry, "sample", "NXsample"), "description", header.description)
-    site = put_group(entry, "site", "NXcollection")
-    for name, value, units in (
-        ("latitude", header.site.latitude_deg, "degree_north"),
-        ("longitude", header.site.longitude_deg, "degree_east"),
-        ("elevation", header.site.elevation_m, "m"),
-    ):
-        put_data(site, name, float(value), units=units)
-    put_text(site, "timezone", header.site.timezone)
-    put_text(site, "body", header.site.body)
+    put_group(entry, "site", "NXcollection", **asdict(header.site))
     instrument = put_group(entry, "instrument", "NXinstrument")
     for info in header.streams:
-        _instrument(instrument, info)
-
-
-def _instrument(parent: h5py.Group, info: StreamInfo) -> None:
-    group = put_group(parent, info.name, "NXdetector" if info.is_camera else "NXsensor")
-    for name in ("vendor", "model", "serial_number", "firmware", "port", "identity", "driver"):
-        put_text(group, name, getattr(info, name))
-    for name, value, units in (
-        ("rate_nominal", info.rate_hz, "Hz"), ("accuracy", info.accuracy, info.unit),
-        ("resolution", info.scale if info.is_camera else float("nan"), info.unit),
-        ("latency_s", info.latency_s, "s"), ("wire_time_s", info.wire_time_s, "s"),
-        ("response_s", info.response_s, "s"),
-    ):  # fmt: skip
-        put_data(group, name, float(value), units=units)
+        about = {name: getattr(info, name) for name in _INSTRUMENT}
+        put_group(instrument, info.name, "NXdetector" if info.is_camera else "NXsensor", **about)
 
 
 def _stream_group(file: h5py.File, info: StreamInfo) -> None:
-    axes = {"axes": labels(["time", "y", "x"] if info.is_camera else ["time"])}
-    signal = "counts" if info.is_camera else "value"
-    group = put_group(file, info.name, "NXdata", signal=signal, **axes)
+    columns = stream_columns(info)
+    signal, axes = "counts", ["y", "x"]
+    if not info.is_camera:
+        signal, axes = "value", [axis for column in columns if column.name == "value" for axis in column.dims]
+    group = put_group(file, info.name, "NXdata", signal=signal, axes=labels(["time", *axes]))
     if info.is_camera:
         rows, cols = info.shape
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
-    columns = stream_columns(info)
     for column in columns:
         if column.name == "value" and column.dims:
             put_scale(group, "channel", np.arange(info.shape[0], dtype="<i4"), units="1")
@@ -142,7 +129,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
             put_data(group, "label", labels(info.channels, 32), *(("channel",) if is_named else ()))
         if column.name == "raw":
             put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
-    put_columns(group, columns)
+    put_columns(group, columns, info.rate_hz)
     if info.is_camera:
         _frames(group, info)
 
@@ -169,9 +156,8 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     signal = {"signal": "value", "axes": labels(["time"])} if name == "irradiance" else {}
     nx_class = {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection")
     group = put_group(file, name, nx_class, **signal)
-    if name in ("estimates", "learnt"):
-        put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
     if name == "learnt":
+        put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
         put_scale(group, "parameter", np.arange(MAX_LEARNT, dtype="<i4"), units="1")
     if name == "health":
         put_scale(group, "stream", labels(info.name for info in header.streams))
@@ -196,17 +182,6 @@ def _masks(file: h5py.File, header: SessionHeader) -> None:
     put_data(group, "mask", zeros, "region_name", "y", "x", long_name=about)
 
 
-def _calibration(file: h5py.File, header: SessionHeader) -> None:
-    parent = put_group(file, "calibration", "NXcollection")
-    for info in header.streams:
-        group = put_group(parent, info.name, "NXcalibration")
-        coefficients = np.array([info.offset, info.scale])
-        put_scale(group, "term", labels(["offset", "scale"]))
-        about = {"units": info.unit, "long_name": "value = stored * scale + offset"}
-        put_data(group, "coefficients", coefficients, "term", **about)
-        put_text(group, "law", info.law)
-
-
 def _config(file: h5py.File, header: SessionHeader) -> None:
     group = put_group(file, "config", "NXcollection")
     digest = sha256(header.config_toml.encode(errors="replace")).hexdigest()
@@ -229,23 +204,9 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _integrity(file: h5py.File, header: SessionHeader) -> None:
+def _integrity(file: h5py.File) -> None:
+    """Room for the digests of all objects, these included; last, when everything else is there."""
     group = put_group(file, "integrity", "NXcollection")
-    streams = max(1, len(header.streams))
-    put_scale(group, "stream", labels(info.name for info in header.streams))
-    for column in INTEGRITY_COLUMNS:
-        put_data(group, column.name, column.unknown(streams), "stream", **column.attributes)
-    tables = list(entry_columns(header))
-    put_scale(group, "table", labels(tables))
-    about_crc = {"long_name": "CRC-32 over the columns of the table", "units": "1"}
-    put_data(group, "table_crc32", np.zeros(len(tables), "<u4"), "table", **about_crc)
-    about_verified = "1: every sample was compared with the journal when sealing"
-    put_data(group, "journal_verified", np.uint8(0), long_name=about_verified)
-
-
-def put_digests(file: h5py.File) -> None:
-    """Room for the digests of all objects, these two included; last, when everything else is there."""
-    group = file["integrity"]
     paths = [*object_paths(file), "integrity/object", "integrity/object_sha256"]
     put_scale(group, "object", labels(paths, max(len(path.encode()) for path in paths)))
     empty = labels([""] * len(paths), DIGEST_CHARS)
@@ -256,8 +217,7 @@ def put_digests(file: h5py.File) -> None:
 # --- groups and datasets as readers of netCDF and CF expect them
 
 # The format level is pinned to HDF5 1.10: newer levels cannot be read by older tools, older ones have no
-# single-writer-multiple-reader mode. Filters are shuffle and gzip only. netCDF wants creation order tracked
-# everywhere.
+# single-writer-multiple-reader mode. Filters are shuffle and gzip only.
 LIBVER = ("v110", "v110")
 
 
@@ -270,7 +230,9 @@ def iso_utc(time_ns: int) -> str:
 
 def put_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
     """A group of a NeXus class."""
-    group = parent.create_group(name, track_order=True)
+    properties = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+    properties.set_attr_phase_change(64, 48)  # in the group's own header: elsewhere they would take 2 kB more
+    group = h5py.Group(h5py.h5g.create(parent.id, name.encode(), gcpl=properties))
     set_attributes(group, {"NX_class": nx_class, **attributes})
     return group
 
@@ -279,14 +241,14 @@ def put_text(group: h5py.Group, name: str, text: str, width: int = 0, **attribut
     """A scalar dataset of UTF-8 text of fixed width."""
     data = encode_text(text, width) if width else text.encode(errors="replace")
     kind = h5py.string_dtype("utf-8", width or max(1, len(data)))
-    dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind, track_order=True)
+    dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
     set_attributes(dataset, attributes)
     return dataset
 
 
 def put_data(group: h5py.Group, name: str, values: Any, *axes: str, **attributes: Any) -> h5py.Dataset:
     """A dataset of given values; the scales of its axes stand in the same group."""
-    dataset = group.create_dataset(name, data=values, track_order=True)
+    dataset = group.create_dataset(name, data=values)
     set_attributes(dataset, attributes)
     attach(group, dataset, *axes)
     return dataset
@@ -294,20 +256,20 @@ def put_data(group: h5py.Group, name: str, values: Any, *axes: str, **attributes
 
 def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> None:
     """A dimension scale of given values."""
-    put_data(group, name, values, **{"long_name": _words(name), **attributes}).make_scale(name)
+    put_data(group, name, values, **attributes).make_scale(name)
 
 
-def put_columns(group: h5py.Group, columns: Iterable[Column]) -> None:
-    """The empty, growing datasets of a table, with their scales."""
+def put_columns(group: h5py.Group, columns: Sequence[Column], rate_hz: float = 0.0) -> None:
+    """The empty, growing datasets of a table, with their scales; of a stream with its rate."""
+    rows = chunk_rows(columns, rate_hz)
     for column in columns:
         dtype = h5py.string_dtype("utf-8", int(column.dtype[1:])) if column.is_text else column.dtype
         dataset = group.create_dataset(
             column.name, (0, *column.shape), dtype, maxshape=(None, *column.shape),
-            chunks=(column.chunk_rows, *column.shape), fillvalue=column.fill, track_order=True,
+            chunks=(rows, *column.shape), fillvalue=column.fill,
         )  # fmt: skip
-        long_name = {} if "standard_name" in column.attributes else {"long_name": _words(column.name)}
-        set_attributes(dataset, {**long_name, **column.attributes})
-        if column.fill is not None:
+        set_attributes(dataset, column.attributes)
+        if column.fill is not None and column.fill == column.fill:  # NaN is known without
             dataset.attrs["_FillValue"] = np.array(column.fill, dataset.dtype)
         if column.name == "time":
             dataset.make_scale("time")
@@ -328,7 +290,7 @@ def put_frames(
     """A growing dataset of frames, empty, cut into chunks."""
     return group.create_dataset(
         name, (0, *shape), "<u2", maxshape=(None, *shape), chunks=chunks, fillvalue=fill,
-        shuffle=True, compression="gzip", compression_opts=1, track_order=True,
+        shuffle=True, compression="gzip", compression_opts=1,
     )  # fmt: skip
 
 
@@ -352,10 +314,3 @@ def labels(names: Iterable[str], width: int = 32) -> np.ndarray[Any, Any]:
     """Names as UTF-8 text of fixed width; at least one, as no scale may be empty."""
     data = [encode_text(name, width) for name in names] or [b""]
     return np.array(data, h5py.string_dtype("utf-8", width))
-
-
-def _words(name: str) -> str:
-    """A name in words, its unit left to the units attribute."""
-    for unit in ("_deg", "_ns", "_us", "_ms", "_bytes"):
-        name = name.removesuffix(unit)
-    return name.replace("_", " ")

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +39,8 @@ MAX_LEARNT = 16
 
 RESERVED_NAMES = frozenset(
     (
-        "entry", "irradiance", "estimates", "later_estimates", "later_events", "learnt", "regions", "events",
-        "clock", "health", "calibration", "config", "integrity", "time_map",
+        "entry", "irradiance", "estimates", "later_events", "learnt", "regions", "events", "clock", "health",
+        "calibration", "config", "integrity", "time_map",
     )
 )  # fmt: skip
 """Groups of the file itself; no stream may have such a name."""
@@ -98,24 +99,33 @@ class SessionHeader:
     def from_json(cls, text: str) -> SessionHeader:
         """The header that `to_json` wrote; raises `SessionError` where the text is none."""
         try:
-            return build(cls, json.loads(text))
-        except (ValueError, TypeError, OverflowError, RecursionError) as error:
+            check_room(header := build(cls, json.loads(text)))
+            return header
+        except (ConfigError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise SessionError(f"the session's header makes no sense: {message_of(error)}") from error
 
 
 def _check_stream(info: StreamInfo) -> None:
-    """Raise `ValueError` where no samples could be of a stream as it is declared."""
-    sides = (*info.shape, *(side for side in info.metadata_shape if side))
-    if len(info.shape) not in (1, 2) or min(sides) < 1:
+    """Raise `ValueError` where no samples could be of a stream as it is declared.
+
+    Arrays are made in these sizes: what claims more than any instrument has may not take all memory.
+    """
+    rows, values = math.prod(info.metadata_shape), math.prod(info.shape)
+    most = MOST_PIXELS if info.is_camera else MOST_BYTES
+    if len(info.shape) not in (1, 2) or min(info.shape) < 1 or max(rows, values) > most:
         raise ValueError(f"stream {info.name!r} is declared with samples of shape {info.shape}")
-    if not (0.0 <= info.rate_hz < math.inf and info.raw_bytes >= 0):
+    if min(info.metadata_shape) < 0 or not (
+        0.0 <= info.rate_hz < math.inf and 0 <= info.raw_bytes <= MOST_BYTES
+    ):
         raise ValueError(f"stream {info.name!r} is declared with {info.rate_hz} Hz, {info.raw_bytes} bytes")
 
 
-def check_new(header: SessionHeader) -> None:
-    """Raise `ConfigError` if a file has no room for so many regions."""
-    if (count := len(header.region_names)) > MAX_REGIONS:
-        raise ConfigError(f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some")
+def check_room(header: SessionHeader) -> None:
+    """Raise `ConfigError` if a file has no room for so many regions and their masks."""
+    pixels = max((math.prod(info.shape) for info in header.streams if info.is_camera), default=1)
+    count, most = len(header.region_names), min(MAX_REGIONS, MOST_BLOCK_BYTES // pixels)
+    if count > most:
+        raise ConfigError(f"{count} regions; a session has room for {most}", fix="remove some")
 
 
 def check_region(region: Region) -> None:
@@ -153,12 +163,15 @@ RECORDING, SEALED, RECOVERED = 0, 1, 2
 FRAME_DATASETS = ("counts", "metadata_rows")
 """Datasets of a camera of frames, cut into chunks."""
 
-MOST_BLOCK_BYTES = 268_435_456
-"""All chunks over the same frames in memory: eight frames of 16 million pixels, 64 of two million."""
+MOST_PIXELS, MOST_BYTES = 16_777_216, 65_536
+"""Largest frame of a camera; most channels, and bytes, of a reading."""
+
+MOST_BLOCK_BYTES = 16 * MOST_PIXELS
+"""All chunks over the same frames in memory: eight of the largest frames, 64 of two million pixels."""
 
 _CHUNK_ROWS, _CHUNK_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
 
-_CHUNK_BYTES = 65_536
+_TABLE_CHUNK_BYTES, _TABLE_CHUNK_S, _MIN_ROWS, _MAX_ROWS = 4096, 16.0, 2, 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,11 +204,6 @@ class Column:
         if self.fill is not None:
             values[:] = self.fill
         return values
-
-    @property
-    def chunk_rows(self) -> int:
-        """Rows of a chunk: 1024, fewer where rows are wide, as the last chunk is rewritten each second."""
-        return min(max(_CHUNK_BYTES // max(1, self.row_bytes), 16), 1024)
 
 
 def _column(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
@@ -230,8 +238,7 @@ def meaning_attributes(
     }
 
 
-def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
-    return Column("flags", "<u4", shape, dims, attributes=flag_attributes(Quality))
+_FLAGS = _column("flags", "<u4", **flag_attributes(Quality))
 
 
 def _stamps(info: StreamInfo) -> list[Column]:
@@ -241,7 +248,7 @@ def _stamps(info: StreamInfo) -> list[Column]:
     for item in SAMPLE_FIELDS:
         about = {**item.about, **(unit if item.column == "device_time" else {})}
         columns.setdefault(item.column, _column(item.column, item.dtype, item.fill, **about))
-    columns["flags"] = _flags()
+    columns["flags"] = _FLAGS
     of_frames = [columns.pop(field.column) for field in SAMPLE_FIELDS if field.of_frames]
     crc = _column("crc32", "<u4", long_name="CRC-32 of the sample's bytes and stamps")
     return [*columns.values(), crc, *(of_frames if info.is_camera else ())]
@@ -272,18 +279,15 @@ def stream_columns(info: StreamInfo) -> list[Column]:
 
 def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
     """The tables of everything but samples, by group."""
-    regions, streams = max(1, len(header.region_names)), len(header.streams)
-    of_one = (replace(column, shape=(), dims=()) for column in _estimate_columns(1))
     return {
         "irradiance": [
             _TIME,
             _column("value", "<f8", fill=np.nan, units="W m-2", long_name="direct irradiance"),
-            _flags(),
+            _FLAGS,
             Column("model", "S64"),
         ],
-        "estimates": [_TIME, *_estimate_columns(regions)],
-        "later_estimates": [_TIME, Column("region", "S64"), *of_one],
-        "learnt": [_TIME, *_learnt_columns(regions)],
+        "estimates": _estimate_columns(),
+        "learnt": [_TIME, *_learnt_columns(max(1, len(header.region_names)))],
         "regions": _region_columns(),
         "events": list(EVENT_COLUMNS),
         "clock": [
@@ -294,7 +298,7 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
             _column("suspended_ns", "<i8", units="ns", long_name="time asleep since boot"),
             Column("source", "S32"),
         ],
-        "health": [_TIME, _MONO, *_health_columns(streams)],
+        "health": [_TIME, _MONO, *_health_columns(len(header.streams))],
     }
 
 
@@ -330,32 +334,21 @@ TIME_MAP_COLUMNS = (
 )
 """Corrections of the clock, written afterwards."""
 
-INTEGRITY_COLUMNS = (
-    _column("count", "<i8", units="1"),
-    _column("first_time", "<i8", units=TIME_UNITS),
-    _column("last_time", "<i8", units=TIME_UNITS),
-    _column("crc_of_crcs", "<u4", units="1"),
-    _column("columns_crc32", "<u4", long_name="CRC-32 over the columns of the stream", units="1"),
-)
-"""Columns written of each stream when a session is sealed."""
 
-
-def _estimate_columns(regions: int) -> list[Column]:
-    def by_region(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
-        return Column(name, dtype, (regions,), ("region",), fill, attributes)
-
-    states = meaning_attributes(SlopeState, "state of the slope")
+def _estimate_columns() -> list[Column]:
     return [
+        _TIME,
+        _column("region", "S64", long_name="name of the region"),
         *(
-            by_region(field.key, "<f8", field.unknown, units=field.unit, long_name=field.description)
+            _column(field.key, "<f8", field.unknown, units=field.unit, long_name=field.description)
             for field in SLOPE_FIELDS.values()
         ),
-        by_region("state", "u1", float(SlopeState.NO_DATA), **states),
-        by_region("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),
-        by_region("n_bins", "<i4", units="1", long_name="minutes used"),
-        _flags("region", shape=(regions,)),
-        by_region("model", "S64"),
-        by_region("reason", "S160"),
+        _column("state", "u1", **meaning_attributes(SlopeState, "state of the slope")),
+        _column("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),
+        _column("n_bins", "<i4", units="1", long_name="minutes used"),
+        _FLAGS,
+        Column("model", "S64"),
+        Column("reason", "S160"),
     ]
 
 
@@ -373,7 +366,7 @@ def _learnt_columns(regions: int) -> list[Column]:
     return [
         by_parameter("name", "S32", long_name="parameter; empty: none"),
         by_parameter("unit", "S32", long_name="unit of the parameter"),
-        *(by_parameter(name, "<f8", np.nan) for name in LEARNT_NUMBERS),
+        *(by_parameter(name, "<f8", np.nan, long_name=name.replace("_", " ")) for name in LEARNT_NUMBERS),
         by_region("residual_k", units="K", long_name="root mean square of one-minute prediction errors"),
         by_region("autocorrelation", units="1", long_name="of these errors, from one minute to the next"),
         _column("chi_square", "<f8", fill=np.nan, units="1", long_name="of all errors"),
@@ -384,8 +377,6 @@ def _region_columns() -> list[Column]:
     about_ground = {"units": "m", "long_name": "corners on the ground in the system of the camera's pose"}
     return [
         _TIME,
-        _column("region", "u1", long_name="number of the region", units="1"),
-        _column("version", "<u2", long_name="how often the region was redrawn", units="1"),
         _column("kind", "u1", **meaning_attributes(RegionKind, "what the region is for")),
         _column("emissivity", "<f8", fill=np.nan, units="1"),
         _column("tilt_deg", "<f8", fill=np.nan, units="degree"),
@@ -419,6 +410,16 @@ def chunk_shape(info: StreamInfo) -> tuple[int, int, int]:
     most = max(1, MOST_BLOCK_BYTES // (2 * rows * cols))
     depth = min(int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH)), most)
     return depth, _divisor_near(rows, _CHUNK_ROWS), _divisor_near(cols, _CHUNK_COLS)
+
+
+def chunk_rows(columns: Sequence[Column], rate_hz: float = 0.0) -> int:
+    """Rows of a chunk of a table: some kilobytes of all columns, of a fast stream some seconds.
+
+    The last chunk of each column is stored whole and written again each second, so a chunk must not hold much
+    more than a short session has; a chunk of a few bytes would cost its place in the index.
+    """
+    by_size = _TABLE_CHUNK_BYTES // sum(column.row_bytes for column in columns)
+    return int(np.clip(max(by_size, rate_hz * _TABLE_CHUNK_S), _MIN_ROWS, _MAX_ROWS))
 
 
 def block_rows(info: StreamInfo) -> int:

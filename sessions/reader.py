@@ -17,7 +17,7 @@ from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import compress
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -40,29 +40,29 @@ from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
     FORMAT_NAME,
-    INTEGRITY_COLUMNS,
     LATER_EVENT_COLUMNS,
     LATER_EVENTS,
     RECORDING,
     RECOVERED,
     SEALED,
     TIME_UNITS,
-    Column,
     SessionHeader,
     check_version,
     decode_text,
     entry_columns,
+    stream_columns,
 )
 from fieldkit.sessions.lock import is_locked, journal_path, locked_within
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stored import (
-    check_size,
     closed_error,
     columns_of,
     explain,
     group_of,
     link_of,
     stored_here,
+    texts_of,
+    was_made,
     whole_rows,
 )
 from fieldkit.sessions.stream_reader import Readings, StreamReader
@@ -97,14 +97,6 @@ def scalar(file: h5py.File, name: str) -> Any:
 def header_of(file: h5py.File) -> SessionHeader:
     """Header declared when the recording began; raises `SessionError` where it is damaged."""
     return SessionHeader.from_json(decode_text(scalar(file, "config/header")))
-
-
-def _texts(dataset: h5py.Dataset) -> list[str]:
-    """The texts of a dataset; raises `SessionError` where it does not hold texts."""
-    check_size(dataset)
-    if dataset.dtype.kind != "S" or dataset.ndim != 1:
-        raise SessionError("does not hold texts", place=dataset.name)
-    return [decode_text(text) for text in dataset[:].tolist()]
 
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -188,8 +180,8 @@ class SessionReader:
         """Read what a running recording has added since."""
         for reader in self._readers.values():
             reader.refresh()
-        for name, columns in self._columns.items():
-            for dataset in columns_of(self.group(name), columns).values():
+        for name in self.tables:
+            for dataset in self._table_datasets(name).values():
                 dataset.refresh()
 
     def require_finished(self) -> None:
@@ -317,10 +309,11 @@ class SessionReader:
         if self.state not in ("sealed", "recovered"):
             return False
         try:
-            sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
-        except SessionError:
+            sealed = self.sealed_objects()
+            paths = [f"{stream}/{column.name}" for column in stream_columns(self.streams[stream])]
+            return all(sealed.get(path) == self.object_digest(path) for path in paths)
+        except (SessionError, OSError, RuntimeError, KeyError):
             return False
-        return int(sealed) == self.stream(stream).columns_crc32()
 
     # --- tables: everything but samples
 
@@ -382,10 +375,7 @@ class SessionReader:
 
     def estimates(self, *, recorded: bool = False) -> list[SlopeEstimate]:
         """The slopes as they were estimated while recording, in order of time."""
-        table = self.timed_table("estimates", recorded=recorded)
-        estimates = entry_rows.estimates_from(table, self.header.region_names)
-        later = entry_rows.later_estimates_from(self.timed_table("later_estimates", recorded=recorded))
-        return sorted([*estimates, *later], key=attrgetter("time_ns")) if later else estimates
+        return entry_rows.estimates_from(self.timed_table("estimates", recorded=recorded))
 
     def learnt(self, *, recorded: bool = False) -> dict[int, Learnt]:
         """Parameters learnt while recording, by the UTC nanoseconds of each minute that has it."""
@@ -404,24 +394,10 @@ class SessionReader:
         self.require_open()
         return list(self._times.steps)
 
-    def integrity(self) -> dict[str, AnyArray]:
-        """Statistics written when the session was sealed, per stream and per table."""
-        columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
-        with self._explaining():
-            datasets = columns_of(self.group("integrity"), columns)
-            return {name: dataset[:] for name, dataset in datasets.items()}
-
-    def sealed_tables(self) -> dict[str, int]:
-        """Checksums of the tables by their names, as sealed."""
-        with self._explaining():
-            tables = _texts(stored_here(self.group("integrity"), "table"))
-        return dict(zip(tables, self.integrity()["table_crc32"].tolist(), strict=True))
-
     def sealed_objects(self) -> dict[str, str]:
         """Digests of the file's objects by their paths, as sealed."""
         with self._explaining():
-            group = self.group("integrity")
-            texts = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
+            texts = (texts_of(self._file, f"integrity/{name}") for name in ("object", "object_sha256"))
             return dict(zip(*texts, strict=True))
 
     def object_digest(self, path: str) -> str:
@@ -474,13 +450,21 @@ class SessionReader:
 
     def table(self, name: str) -> dict[str, AnyArray]:
         """The columns of a table of entries as stored, as many rows as all of them have."""
-        group = self.group(name)
-        with self._explaining():
-            columns = columns_of(group, self._columns[name], salvage=self._salvage)
-        length = min(dataset.shape[0] for dataset in columns.values())
+        datasets = self._table_datasets(name)
+        length = min((dataset.shape[0] for dataset in datasets.values()), default=0)
         if self._salvage:
-            length = self._whole(columns, length)
-        return {name: dataset[:length] for name, dataset in columns.items()}
+            length = self._whole(datasets, length)
+        return {
+            column.name: datasets[column.name][:length] if column.name in datasets else column.unknown(length)
+            for column in self._columns[name]
+        }
+
+    def _table_datasets(self, name: str) -> dict[str, h5py.Dataset]:
+        """The columns of a table that the file has; none where it is of a version without that table."""
+        with self._explaining():
+            if not was_made(self._file, name):
+                return {}
+            return columns_of(group_of(self._file, name), self._columns[name], salvage=self._salvage)
 
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,13 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.disk import sync
-from fieldkit.model.arrays import FlagArray
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.reader import SessionReader, open_session
-from fieldkit.sessions.stored import check_size
 from fieldkit.sessions.stream_reader import StreamReader
 
 _THREADS, _BLOCK = 2, 1024
@@ -43,20 +40,9 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
     `IntegrityError` where the file does not have exactly these.
     """
     with open_session(path) as session:
-        crcs = [_verify(session, name, crc32s) for name, crc32s in expected.items()]
-        counts = {name: len(session.stream(name)) for name in expected}
-        spans = [_span(session, name) for name in expected]
-        columns = {
-            "count": list(counts.values()),
-            "first_time": [first for first, _ in spans],
-            "last_time": [last for _, last in spans],
-            "crc_of_crcs": crcs,
-            "columns_crc32": [session.stream(name).columns_crc32() for name in expected],
-        }
-        table_crcs = [table_crc32(session, name) for name in session.tables]
-    written = {f"integrity/{name}": values for name, values in columns.items() if expected}
-    write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})
-    write_in_place(path, {"integrity/object_sha256": _digests(path)})
+        counts = {name: _verify(session, name, crc32s) for name, crc32s in expected.items()}
+        digests = [session.object_digest(name) for name in session.sealed_objects()]
+    write_in_place(path, {"integrity/object_sha256": digests})
     write_in_place(path, {"entry/complete": state})  # last, one byte: the session is complete or it is not
     sync(path.parent)
     return SealReport(path, counts, path.stat().st_size, sum(counts.values()))
@@ -79,29 +65,8 @@ def remove_journal(folder: Path) -> None:
     sync(folder.parent)
 
 
-def crc_of_crcs(crc32s: FlagArray) -> int:
-    """One number for all samples of a stream."""
-    return zlib.crc32(crc32s.astype("<u4").tobytes())
-
-
-def table_crc32(session: SessionReader, name: str) -> int:
-    """CRC-32 over the columns of a table that grow, in their order."""
-    crc = 0
-    for dataset in session.datasets(name).values():
-        if dataset.maxshape[:1] == (None,):  # the others are scales, and the masks of the regions
-            check_size(dataset)
-            crc = zlib.crc32(dataset[:].tobytes(), crc)
-    return crc
-
-
-def _digests(path: Path) -> list[str]:
-    """The digests of the objects that a session file lists."""
-    with open_session(path) as session:
-        return [session.object_digest(name) for name in session.sealed_objects()]
-
-
 def _verify(session: SessionReader, stream: str, expected: Iterable[int]) -> int:
-    """CRC of the checksums of a stream, all of whose samples are as expected."""
+    """Number of samples of a stream, all of which are as expected."""
     reader = session.stream(stream)
     stored = reader.column("crc32")
     if any(crc != other for crc, other in zip_longest(stored, expected)):  # a day has a million
@@ -114,15 +79,10 @@ def _verify(session: SessionReader, stream: str, expected: Iterable[int]) -> int
         raise IntegrityError(
             f"{len(bad)} samples of {stream} do not match, first number {bad[0]}", place=session.path
         )
-    return crc_of_crcs(stored)
+    return len(stored)
 
 
 def _bad(reader: StreamReader, start: int) -> list[int]:
     """Numbers of the samples of a block that do not match their checksum."""
     bad = reader.flags(start, start + _BLOCK) & Quality.BAD_CRC
     return [start + int(place) for place in np.flatnonzero(bad)]
-
-
-def _span(session: SessionReader, stream: str) -> tuple[int, int]:
-    times = session.stream(stream).column("time")
-    return (int(times.min()), int(times.max())) if len(times) else (0, 0)

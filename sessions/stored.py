@@ -19,7 +19,7 @@ import numpy as np
 from fieldkit.model.arrays import IntArray
 from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.next_step import Action
-from fieldkit.sessions.layout import Column
+from fieldkit.sessions.layout import Column, decode_text
 
 MOST_CHUNK_BYTES = 16_777_216
 """A chunk of a table; the writer's have a few hundred kilobytes at most."""
@@ -99,8 +99,30 @@ def _column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False)
 def columns_of(
     group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
 ) -> dict[str, h5py.Dataset]:
-    """The datasets of columns by their names; a file of a newer version may have more."""
-    return {column.name: _column_dataset(group, column, salvage=salvage) for column in columns}
+    """The datasets of columns by their names, without those that the file never had.
+
+    A file of a later minor version may have more of them, one of an earlier version fewer.
+    """
+    return {
+        column.name: _column_dataset(group, column, salvage=salvage)
+        for column in columns
+        if was_made(group, column.name)
+    }
+
+
+def was_made(group: h5py.Group, name: str) -> bool:
+    """True if the file has, or once had, an object of that name: it lists what it was made with."""
+    path = f"{group.name}/{name}".lstrip("/")
+    return link_of(group, name) is not None or path in texts_of(group.file, "integrity/object")
+
+
+def texts_of(file: h5py.File, path: str) -> list[str]:
+    """The texts of a dataset; raises `SessionError` where it does not hold texts."""
+    dataset = stored_here(file, path)
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind != "S" or dataset.ndim != 1:
+        raise SessionError("does not hold texts", place=path)
+    check_size(dataset)
+    return [decode_text(text) for text in dataset[:].tolist()]
 
 
 def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:

@@ -9,7 +9,6 @@ header decides how much memory a read may take, never the file's own sizes.
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -93,7 +92,8 @@ class StreamReader:
         self.damaged: set[int] = set()
         self._times = times
         self._group = group_of(file, info.name)
-        self._columns = columns_of(self._group, stream_columns(info), salvage=salvage)
+        self._declared = {column.name: column for column in stream_columns(info)}
+        self._columns = columns_of(self._group, self._declared.values(), salvage=salvage)
         self._stored_frames = self._open_frames() if info.is_camera else []
         self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
@@ -149,15 +149,9 @@ class StreamReader:
         What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
         """
         end = len(self) if stop is None else min(stop, len(self))
+        if name not in self._columns:
+            return self._declared[name].unknown(max(0, end - start))
         return _rows(self._columns[name], start, end)
-
-    def columns_crc32(self) -> int:
-        """One checksum over all columns as stored, in their order: everything but frames."""
-        crc = 0
-        for dataset in self._columns.values():
-            for start, stop in _spans(0, len(self), self._block_rows):
-                crc = zlib.crc32(_rows(dataset, start, stop).data, crc)
-        return crc
 
     def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:
         """UTC nanoseconds of the samples."""

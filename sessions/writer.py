@@ -41,7 +41,7 @@ from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import SEALED, SessionHeader, check_new, check_region, raw_width
+from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, check_room, raw_width
 from fieldkit.sessions.lock import RECORDING, SessionLock, journal_path
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
@@ -66,7 +66,7 @@ class SessionWriter:
     def __init__(
         self, path: Path, header: SessionHeader, clock: Clock, start_mono_ns: int | None = None
     ) -> None:
-        check_new(header)
+        check_room(header)
         self.path = path
         self.header = header
         self.is_closed: bool = False

@@ -30,6 +30,7 @@ from fieldkit.config.validation import (
     explain,
     secrets_in,
     unknown_drivers,
+    unknown_keys,
 )
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Text
@@ -81,12 +82,20 @@ def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> 
     """The configuration a session keeps of itself, with ``KEY=VALUE`` of the command line over it.
 
     Environment and user configuration are ignored, so that a session keeps its meaning; its drivers need not
-    be installed here. Raises as `load_config`.
+    be installed here. Keys that a later version has added are ignored. Raises as `load_config`.
     """
     document = _Document()
     document.add(text, path)
+    document.drop_unknown_keys()
     document.set(settings)
     return _without_mistakes(*document.check(path), fix=f"correct the settings for {path.name}")
+
+
+def ignored_keys(text: str, path: Path) -> list[str]:
+    """The keys that `config_from_text` ignores; raises `ConfigError` if the text is not TOML."""
+    document = _Document()
+    document.add(text, path)
+    return [".".join(map(str, key)) for key in document.drop_unknown_keys()]
 
 
 def changed_config(config: Config, settings: Sequence[str]) -> Config:
@@ -166,6 +175,17 @@ class _Document:
                 if (place := mistake.path[:length]) in self.origins:
                     self.origins[place] = _key_of(self.origins[place])
         return secrets
+
+    def drop_unknown_keys(self) -> list[KeyPath]:
+        """Remove the keys that no table has; returns them."""
+        try:
+            Tables.model_validate(self.values)
+        except ValidationError as error:
+            unknown = unknown_keys(error, self.values)
+            for path in unknown:
+                self._drop(path)
+            return unknown
+        return []
 
     def _drop(self, path: KeyPath) -> None:
         *tables, key = path

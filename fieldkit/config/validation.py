@@ -94,10 +94,15 @@ def explain(error: ValidationError, values: Mapping[str, Any]) -> list[Mistake]:
     A misspelled key is one mistake, not two: the key it resolves to is not reported as missing as well.
     """
     details = {_path_in(values, detail): detail for detail in reversed(error.errors(include_url=False))}
-    unknown = {path for path, detail in details.items() if detail["type"] in UNKNOWN_KEY}
-    resolved = {(*path[:-1], _resolve_key(path)) for path in unknown}
+    resolved = {(*path[:-1], _resolve_key(path)) for path in unknown_keys(error, values)}
     reported = [path for path in details if details[path]["type"] != "missing" or path not in resolved]
     return [Mistake(path, _message(details[path], path)) for path in reversed(reported)]
+
+
+def unknown_keys(error: ValidationError, values: Mapping[str, Any]) -> list[KeyPath]:
+    """The keys of `values` that pydantic does not know."""
+    details = error.errors(include_url=False)
+    return [_path_in(values, detail) for detail in details if detail["type"] in UNKNOWN_KEY]
 
 
 def _path_in(values: Any, detail: ErrorDetails) -> KeyPath:

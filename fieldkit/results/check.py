@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,11 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fieldkit.config.load import ignored_keys
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray
-from fieldkit.model.errors import RefusedError, message_of
+from fieldkit.model.errors import ConfigError, RefusedError, message_of
 from fieldkit.model.finding import Finding, worst
+from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import normal
@@ -85,10 +88,19 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
     """
     path = path_of(session)
     findings = file_check.check(path)
-    if estimates and not any(finding.what == "file" for finding in findings):
+    if not any(finding.what == "file" for finding in findings):
         with open_session(path) as opened:
-            findings += _estimate_findings(opened)
+            findings += _config_findings(opened)
+            findings += _estimate_findings(opened) if estimates else ()
     return CheckedSession(path, tuple(findings))
+
+
+def _config_findings(session: SessionReader) -> Iterator[Finding]:
+    """Keys of the session's configuration that this version does not know, and so does not obey."""
+    with contextlib.suppress(ConfigError):  # of an imported session it may be anything
+        if keys := ignored_keys(session.config_toml, session.path):
+            fix = f"pip install --upgrade {DISTRIBUTION}"
+            yield Finding("warn", "config", f"keys of a later version are ignored: {', '.join(keys)}", fix)
 
 
 def _estimate_findings(session: SessionReader) -> list[Finding]:

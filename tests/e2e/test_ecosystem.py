@@ -1,4 +1,4 @@
-"""A session opens in the tools people have: h5dump, ncdump, xarray with both engines.
+"""A session opens in the tools people have: h5dump, ncdump, xarray with both engines, NeXus viewers, zarr.
 
 Each engine bundles its own HDF5 library, so each runs in a process of its own.
 """
@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+from typing import Any
 
 import h5py
 import pytest
@@ -33,11 +34,39 @@ with xr.open_dataset(path, group="thermometer", **options) as thermometer:
     result["T2"] = float(thermometer["value"].values[3, 1])
 with xr.open_dataset(path, group="estimates", **options) as estimates:
     result["tilt"] = estimates["tilt_deg"].values.tolist()
+    result["region"] = estimates["region"].values.astype(str).tolist()
     result["phony"] = [name for name in estimates.dims if "phony" in name]
 with xr.open_datatree(path, **options) as tree:
     result["groups"] = sorted(tree.children)
     result["phony"] += [d for node in tree.subtree for d in node.dims if "phony" in d]
 print(json.dumps(result))
+"""
+
+NEXUS = """
+import json, sys
+import h5py
+from nexusformat.nexus import nxload
+from silx.io.nxdata import NXdata, get_default
+with h5py.File(sys.argv[1]) as file:
+    plot = get_default(file)
+    groups = [node for node in file.values() if node.attrs["NX_class"] == b"NXdata"]
+    result = {"silx": [plot.signal.shape, plot.axes_dataset_names],
+              "valid": {node.name: NXdata(node).is_valid for node in groups}}
+shown = nxload(sys.argv[1]).get_default()
+result["nexusformat"] = [shown.nxsignal.shape, [axis.nxname for axis in shown.nxaxes]]
+print(json.dumps(result))
+"""
+
+ZARR = """
+import json, sys
+import fsspec, h5py, zarr
+from kerchunk.hdf import SingleHdf5ToZarr
+references = SingleHdf5ToZarr(sys.argv[1]).translate()
+system = fsspec.filesystem("reference", fo=references, asynchronous=True)
+camera = zarr.open_group(zarr.storage.FsspecStore(system, read_only=True), mode="r")["camera"]
+with h5py.File(sys.argv[1]) as file:
+    same = {name: bool((camera[name][:] == file["camera"][name][:]).all()) for name in ("counts", "mono_ns")}
+print(json.dumps({**same, "scale": camera["counts"].attrs["scale_factor"]}))
 """
 
 
@@ -53,13 +82,31 @@ def session(tmp_path_factory):
     return path
 
 
+def output(script: str, *arguments: str) -> dict[str, Any]:
+    command = [sys.executable, "-c", script, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_viewers_of_nexus_plot_the_camera(session):
+    plot = [[FRAMES, 120, 160], ["time", "y", "x"]]
+    groups = ("camera", "irradiance", "lux", "thermometer")
+    expected = {
+        "silx": plot,
+        "nexusformat": plot,
+        "valid": dict.fromkeys((f"/{name}" for name in groups), True),
+    }
+    assert output(NEXUS, str(session)) == expected
+
+
+def test_zarr_reads_frames_as_they_lie(session):
+    assert output(ZARR, str(session)) == {"counts": True, "mono_ns": True, "scale": 0.01}
+
+
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_xarray_reads_kelvin_and_times(session, engine):
-    done = subprocess.run(
-        [sys.executable, "-c", OPEN, str(session), engine], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = output(OPEN, str(session), engine)
     assert found["kelvin"] == pytest.approx((picture(7, (120, 160))[3, 20:23] * 0.01).tolist(), abs=1e-9)
     assert found["dims"] == {"time": FRAMES, "y": 120, "x": 160}
     assert found["units"] == "K"
@@ -67,7 +114,7 @@ def test_xarray_reads_kelvin_and_times(session, engine):
     assert {"time", "x", "y"} <= set(found["coords"])
     assert found["channels"] == ["T1", "T2", "T3", "T4"]
     assert found["T2"] == 250.0 + 1 + 3 / 3
-    assert found["tilt"][0][1] == 5.25
+    assert (found["region"], found["tilt"]) == (["b05"], [5.25])
     assert found["phony"] == []
     assert {"camera", "lux", "thermometer", "events", "estimates", "entry"} <= set(found["groups"])
 

@@ -13,31 +13,39 @@ import h5py
 import numpy as np
 
 from fieldkit.model.clock import ClockCheck
-from fieldkit.model.samples import Health, StreamHealth
+from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.samples import Event, EventKind, Health, Severity, StreamHealth
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
-from fieldkit.sessions.finished_file import apply_time_map
+from fieldkit.sessions.finished_file import add_later_events, apply_time_map
 from fieldkit.sessions.layout import FRAME_DATASETS
-from fieldkit.sessions.records import MinuteRecord
+from fieldkit.sessions.records import MinuteRecord, RegionRecord
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
 
 def small_session(path: Path) -> Path:
-    """A sealed session that has something in every table, and a corrected clock."""
+    """A sealed session that has something in every table, and a corrected clock and mark."""
     clock = CountedClock()
     writer = SessionWriter(path, header((8, 10)), clock)
     fill(writer, 10, clock)
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)
     slope = SlopeEstimate(time_ns, "b05", SlopeState.OK, 5.1, 181.0, 4.0, 6.0, 170.0, 190.0, model="paper")
-    writer.put(MinuteRecord(time_ns, (slope,), 812.5, "clear sky"))
+    inertia = LearntParameter(
+        "thermal_inertia", "J m-2 K-1 s-1/2", 800.0, 400.0, 1600.0, 750.0, 700.0, 800.0, 0.1
+    )
+    learnt = Learnt((inertia,), {"b05": 0.05}, {"b05": 0.1}, 1.1)
+    writer.put(MinuteRecord(time_ns, (slope,), 812.5, "clear sky", learnt=learnt))
+    writer.put(RegionRecord(writer.header.regions[1], time_ns, is_removed=True))
     writer.put(ClockCheck(now, clock.to_utc_ns(0), 1_000_000, "ntp"))
     writer.put(Health(now, time_ns, (StreamHealth("camera", 10, 0, 0),), 10**9, 10**5, 1.5, 2.5, 3.5))
     writer.close()
     apply_time_map(path, [TimeStep(0, 2_500_000_000, "gps")])
+    data = {"corrects": 1}
+    add_later_events(path, [Event(EventKind.MARK, now, time_ns, "a cloud", "", Severity.INFO, data)])
     return path
 
 

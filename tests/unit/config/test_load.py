@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config import ConfigMistakesError, config_from_text, find_campaign, load_config, read_config
+from fieldkit.config.load import ignored_keys
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action, Argument
 from tests.harness.next_steps import steps
@@ -249,6 +250,14 @@ def test_mistakes_between_keys_leave_a_configuration_to_look_at(campaign):
     assert config is not None
     assert [region.name for region in config.regions] == ["flat"]
     assert [mistake.key for _, mistake in told] == ["region"]
+
+
+def test_keys_of_a_later_version_are_ignored_in_a_sessions_own_configuration():
+    text = SITE + "[surface]\nsheen = 1\nalbedo = 0.3\n[drone]\nheight_m = 3\n"
+    assert config_from_text(text, Path("x.h5")).tables.surface.albedo == 0.3
+    assert ignored_keys(text, Path("x.h5")) == ["surface.sheen", "drone"]
+    with pytest.raises(ConfigMistakesError, match="sheen"):
+        config_from_text(SITE, Path("x.h5"), settings=["surface.sheen=2"])
 
 
 def test_a_sessions_own_configuration_heeds_settings_but_neither_environment_nor_user(user, monkeypatch):

@@ -126,7 +126,7 @@ def test_a_slope_that_was_changed_afterwards_is_found(sessions, tmp_path):
     (before,) = slopes_found(copy)
     with h5py.File(copy, "r+") as file:
         (tilts,) = (one for one in _datasets(file["estimates"]) if one.name.endswith("/tilt_deg"))
-        tilts[-1, -1] += 0.001
+        tilts[-1] += 0.001
     (after,) = slopes_found(copy)
     assert after == f"1 of {before.replace('the same', 'differently')}"
 

@@ -9,7 +9,7 @@ import pytest
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.chunks import FrameWriter, TableWriter, is_packed, pack, read_block, unpack
-from fieldkit.sessions.file_tree import put_frames
+from fieldkit.sessions.file_tree import put_columns, put_frames
 from fieldkit.sessions.formats.purethermal_files import read_purethermal
 from fieldkit.sessions.layout import Column, chunk_shape
 from tests.shared_data import shared
@@ -121,9 +121,7 @@ def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path):
 def test_table_grows_in_all_columns_over_chunk_borders(tmp_path):
     columns = [Column("time", "<i8"), Column("value", "<f8", fill=np.nan), Column("text", "S16")]
     with h5py.File(tmp_path / "table.h5", "w", libver=("v110", "v110")) as file:
-        for column in columns:
-            kind = h5py.string_dtype("utf-8", 16) if column.is_text else column.dtype
-            file.create_dataset(column.name, (0,), kind, maxshape=(None,), chunks=(column.chunk_rows,))
+        put_columns(file, columns)
         table = TableWriter(file["/"], columns)
         for number in range(2500):
             table.append({"time": number, "value": number / 3, "text": f"é{number}".encode()})

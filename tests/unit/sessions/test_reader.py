@@ -382,7 +382,7 @@ def _look_at_everything(session: SessionReader) -> None:
     list(session.samples())
     session.entries()
     session.estimates()
-    session.integrity()
+    session.sealed_objects()
     assert session.provenance
 
 

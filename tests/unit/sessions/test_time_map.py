@@ -196,9 +196,9 @@ OTHERWISE = {"stream", "export", "plot", "estimate", "slope_map", "report", "tak
 """Tested below, and in `tests/unit/results/test_from_python.py` and `test_corrected_marks.py`."""
 WITHOUT_TIMES = {
     "check", "clock_checks", "close", "columns_are_sealed", "config_toml", "count", "damaged", "flags",
-    "group", "has_corrected_marks", "identity", "integrity", "is_closed", "kelvin", "name",
+    "group", "has_corrected_marks", "identity", "is_closed", "kelvin", "name",
     "object_digest", "provenance", "raw", "refresh", "regions", "require_finished", "require_open",
-    "sealed_objects", "sealed_tables", "tables", "time_map", "was_finished",
+    "sealed_objects", "tables", "time_map", "was_finished",
 }  # fmt: skip
 AS_STORED = {"table", "datasets", "entries"}
 

@@ -14,10 +14,11 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import check as check_verb
 from fieldkit.cli import estimate, export, ls, report, show
-from fieldkit.model.errors import FormatError
-from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.errors import ConfigError, FormatError
+from fieldkit.model.samples import Event, EventKind, Sample, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.results.check import check as checked
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
 from fieldkit.sessions.journal import SessionIdentity
@@ -29,9 +30,18 @@ from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.faults import small_session
+from tests.harness.recording import CountedClock, fill, header, same
 
 NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)
+LATER_CONFIG = """
+[site]
+latitude_deg = 35.56
+longitude_deg = 139.4
+geoid_m = 36.7
+[drone]
+height_m = 30
+"""
 
 
 def run(module: Any, *words: object) -> Result:
@@ -40,14 +50,12 @@ def run(module: Any, *words: object) -> Result:
 
 def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """The header with something else in it, and the session sealed with that."""
-    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
         plain = json.loads(file["config/header"][()])
         change(plain)
         text = json.dumps(plain).encode()
         del file["config/header"]
-        file["config"].create_dataset(
-            "header", data=np.array(text, h5py.string_dtype("utf-8", len(text))), track_order=True
-        )
+        file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
     with open_session(path) as session:
         checksums = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
     seal(path, checksums, SEALED)
@@ -76,15 +84,16 @@ def path(sealed, tmp_path):
 def sealed_by_a_newer(sealed, tmp_path_factory):
     """A session of version 2.9: other kinds, states and fields, a column, a table and a group more."""
     path = Path(shutil.copy(sealed, tmp_path_factory.mktemp("newer")))
-    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
         file.attrs["fieldkit_format_version"] = np.bytes_("2.9")
         for group, column in (("events", Column("weight", "<f8")), ("lux", Column("humidity", "<f4"))):
             put_columns(file[group], [column])
             put_rows(file[group], {column.name: np.ones(len(file[group]["time"]))})
-        file.create_group("weather", track_order=True)["station"] = 3
+        file.create_group("weather")["station"] = 3
 
     def change(plain: dict[str, Any]) -> None:
         plain["crew"] = ["two"]
+        plain["config_toml"] = LATER_CONFIG
         plain["site"]["geoid_m"] = 36.7
         plain["streams"][0]["polarisation"] = "none"
         plain["regions"][1]["kind"] = 7
@@ -188,9 +197,50 @@ def test_session_of_a_newer_version_is_shown_and_exported(newer, verb, options):
         assert "unknown_77" in result.stdout
 
 
-def test_slopes_of_a_newer_version_are_refused_in_words(newer):
+def test_keys_of_a_newer_version_are_ignored_and_named(newer):
+    (finding,) = (finding for finding in checked(newer).findings if finding.what == "config")
+    assert (finding.level, {"site.geoid_m", "drone"} <= set(finding.text.replace(",", "").split())) == (
+        "warn", True,
+    )  # fmt: skip
     result = run(estimate, newer)
-    assert not isinstance(result.exception, TypeError | KeyError | ValueError), result.exception
+    assert not isinstance(result.exception, ConfigError | TypeError | KeyError | ValueError), result.exception
+
+
+def content(path: Path) -> tuple[list[Sample], list[Any]]:
+    with open_session(path) as session:
+        tables = [
+            session.header,
+            session.region_schedule,
+            session.marks(),
+            session.time_map(),
+            session.health(),
+        ]
+        return list(session.samples()), [*tables, session.minutes(), session.entries()]
+
+
+@pytest.mark.parametrize(
+    "stored", sorted((Path(__file__).parents[2] / "data").glob("session-*.h5")), ids=lambda path: path.stem
+)
+def test_a_stored_session_of_every_version_is_read_as_one_of_today(stored, tmp_path):
+    samples, tables = content(Path(shutil.copy(stored, tmp_path)))
+    today_samples, today_tables = content(small_session(tmp_path / "today.h5"))
+    assert all(same(one, other) for one, other in zip(samples, today_samples, strict=True))
+    assert repr(tables) == repr(today_tables)  # NaN is NaN
+    assert [finding.what for finding in check(tmp_path / stored.name) if finding.level == "fail"] == []
+
+
+def test_what_an_earlier_version_did_not_have_is_filled(path):
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        names = [name for name in file["integrity/object"][:].tolist() if name.split(b"/")[0] != b"learnt"]
+        names.remove(b"camera/fpa_temperature")
+        names.remove(b"estimates/n_bins")
+        for name in ("learnt", "camera/fpa_temperature", "estimates/n_bins", "integrity/object"):
+            del file[name]
+        file["integrity/object"] = np.array(names)
+    with open_session(path) as session:
+        assert session.learnt() == {}
+        assert [estimate.n_bins for estimate in session.estimates()] == [0]
+        assert np.isnan(session.stream("camera").column("fpa_temperature")).all()
 
 
 def _set(*keys: str | int, value: Any) -> Callable[[dict[str, Any]], None]:
@@ -226,7 +276,7 @@ SHAPES = [
 
 @pytest.mark.parametrize("change", SHAPES)
 def test_header_of_another_shape_is_a_finding(path, change):
-    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
         plain = json.loads(file["config/header"][()])
         change(plain)
         text = json.dumps(plain).encode()
@@ -253,7 +303,7 @@ def test_header_of_another_shape_is_a_finding(path, change):
 def test_details_of_another_shape_end_nothing(path, details):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file["events/data"][-1] = details.encode()
-    assert "events" in [one.what for one in check(path) if one.level == "fail"]
+    assert [one.what for one in check(path) if one.level == "fail"] == ["events/data"]
     for verb, options in ((show, ()), (export, ("--to", "csv")), (report, ())):
         result = run(verb, path, *options)
         assert result.exit_code == 0, (verb, result.output, result.exception)

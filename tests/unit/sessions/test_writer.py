@@ -209,8 +209,7 @@ def test_long_journal_is_shortened_and_nothing_is_lost(tmp_path, monkeypatch):
 def test_recording_goes_on_when_the_file_fails(tmp_path, monkeypatch):
     """The session is finished from the journal."""
     clock, path = CountedClock(), tmp_path / "a.h5"
-    writer = SessionWriter(path, HEADER, clock)
-    appended = filled_without_its_file(writer, 60, clock, monkeypatch)
+    writer, appended = filled_without_its_file(path, 60, clock, monkeypatch)
     appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
     appended[-1] = appended[-1]._replace(time_ns=clock.to_utc_ns(appended[-1].mono_ns))
     writer.append(appended[-1])
@@ -226,13 +225,13 @@ def test_recording_goes_on_when_the_file_fails(tmp_path, monkeypatch):
 def test_session_of_which_something_is_lost_is_not_sealed(tmp_path, monkeypatch):
     """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
     path, clock = tmp_path / "a.h5", CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
-    filled_without_its_file(writer, 80, clock, monkeypatch)
-    part = max(journal_path(path).glob("0*.log"))
-    data = bytearray(part.read_bytes())
-    for seq in range(75, 80):
-        data[data.index(sample(HEADER.streams[0], seq).counts[5].tobytes())] ^= 1
-    part.write_bytes(data)
+    writer, _ = filled_without_its_file(path, 80, clock, monkeypatch)
+    for part in journal_path(path).glob("0*.log"):
+        data = part.read_bytes()
+        for seq in range(75, 80):
+            row = sample(HEADER.streams[0], seq).counts[5].tobytes()
+            data = data.replace(row, bytes(len(row)))
+        part.write_bytes(data)
     with pytest.raises(StorageError, match="camera: 5 samples lost") as caught:
         writer.close()
     assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
@@ -242,11 +241,11 @@ def test_session_of_which_something_is_lost_is_not_sealed(tmp_path, monkeypatch)
 
 
 def filled_without_its_file(
-    writer: SessionWriter, frames: int, clock: CountedClock, patch: pytest.MonkeyPatch
-) -> list[Sample]:
+    path: Path, frames: int, clock: CountedClock, patch: pytest.MonkeyPatch
+) -> tuple[SessionWriter, list[Sample]]:
     """Record while the file may not grow; the journal, in parts that are smaller than the file, does."""
     patch.setattr(journal, "PART_BYTES", 20_000)  # a full part takes 256 MB
-    folder = journal_path(writer.path)
+    writer, folder = SessionWriter(path, HEADER, clock), journal_path(path)
 
     def goes_on() -> bool:
         return any(b"recording goes on in the journal" in part.read_bytes() for part in folder.glob("0*.log"))
@@ -254,7 +253,7 @@ def filled_without_its_file(
     with full_disk(writer.path.stat().st_size):
         appended = fill(writer, frames, clock)
         wait_until(goes_on, "the file does not fail")
-    return appended
+    return writer, appended
 
 
 def test_abandoned_session_is_left_for_recovery(tmp_path):
