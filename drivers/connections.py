@@ -21,13 +21,14 @@ def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") 
     host, colon, number = (settings.port or usual_host).partition(":")
     if not host:
         raise ConfigError(
-            f"{settings.name}: the driver {settings.driver} needs the instrument's address",
+            f"the driver {settings.driver} needs the instrument's address",
+            place=settings.name,
             fix='port = "192.168.4.1", or with another port "192.168.4.1:5001"',
         )
     if colon and not (number.isdecimal() and 0 < int(number) <= LAST_PORT):
         raise ConfigError(
-            f"{settings.name}: port = {settings.port!r}: behind the host stands {number!r}, "
-            f"not a number from 1 to {LAST_PORT}",
+            f"behind the host stands {number!r}, not a number from 1 to {LAST_PORT}",
+            place=f"{settings.name}.port",
             fix=f'port = "{host}:{usual_port}"',
         )
     return host, int(number) if colon else usual_port
@@ -50,7 +51,7 @@ class SocketPort:
         try:
             self._socket = socket.create_connection(address, timeout=CONNECT_S)
         except (OSError, UnicodeError) as error:  # no name of a host
-            raise DeviceNotFoundError(f"no {peer} at {self.path}: {error}", fix=advice) from error
+            raise DeviceNotFoundError(f"no {peer} there: {error}", place=self.path, fix=advice) from error
         self._socket.setblocking(False)
         close_on_failure(self.close)
 
@@ -90,4 +91,4 @@ class SocketPort:
         return chunk
 
     def _lost(self) -> DeviceLostError:
-        return DeviceLostError(f"{self._peer} at {self.path} hung up", fix=self._advice)
+        return DeviceLostError(f"{self._peer} hung up", place=self.path, fix=self._advice)

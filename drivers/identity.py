@@ -126,7 +126,8 @@ def only_one(settings: DeviceSettings, of: Sequence[Found], present: Sequence[Fo
         return of[0]
     which = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
-        f"{settings.name}: {len(of) or 'no'} {what}s {which}; {listing(present, what)}",
+        f"{len(of) or 'no'} {what}s {which}; {listing(present, what)}",
+        place=settings.name,
         fix=identity_fix(settings.name, present),
     )
 

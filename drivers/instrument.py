@@ -21,6 +21,7 @@ from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import Camera, Device, DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
 from fieldkit.model.limits import bounds_of, flag_implausible
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.physics.camera_laws import frame_k
 
@@ -161,7 +162,8 @@ class Instrument(Generic[M]):
         sample = self.device.read(timeout_s)
         if sample is None:
             raise DeviceTimeoutError(
-                f"{self.info.name}: no sample from {self.info.port} within {timeout_s:g} s",
+                f"no sample from {self.info.port} within {timeout_s:g} s",
+                place=self.info.name,
                 fix="check that it is switched on; a larger timeout_s waits longer",
             )
         if isinstance(sample, Frame):
@@ -241,7 +243,9 @@ def open_device(
         driver = _only_device()
     if isinstance(driver, ConnectedDevice):
         if len(driver.drivers) != 1:
-            raise ConfigError(f"{driver!r}: choose a driver", fix='open_device("lutron", identity="...")')
+            raise ConfigError(
+                "choose a driver", place=repr(driver), fix='open_device("lutron", identity="...")'
+            )
         # an identity survives a replug, a port does not
         identity, port = driver.identity, "" if driver.identity else driver.port
         driver = driver.drivers[0]
@@ -254,7 +258,8 @@ def _only_device() -> ConnectedDevice:
     if len(certain) != 1:
         names = ", ".join(map(repr, certain)) or "none"
         raise DeviceNotFoundError(
-            f"open_device() needs one recognised instrument; found: {names}",
+            f"not one recognised instrument; connected: {names}",
+            place=Argument("driver"),
             fix='name it: open_device("purethermal"); fieldkit.find_devices() lists all',
         )
     return certain[0]

@@ -22,7 +22,8 @@ def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
         if key not in allowed:
             near = difflib.get_close_matches(key, allowed, n=1)
             raise ConfigError(
-                f"{settings.name}: the driver {settings.driver} has no option {key!r}",
+                f"the driver {settings.driver} has no option {key!r}",
+                place=settings.name,
                 fix=f"did you mean {near[0]}?" if near else f"it has: {', '.join(sorted(allowed))}",
             )
 

@@ -443,7 +443,8 @@ def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     if usb in matching:
         wrong = f"identity {settings.identity} is that of {len(matching)} ports of one adapter"
     raise DeviceNotFoundError(
-        f"{settings.name}: {wrong}; {listing(ports, 'USB serial port')}",
+        f"{wrong}; {listing(ports, 'USB serial port')}",
+        place=settings.name,
         fix=f'omit port from the configuration: the identity is enough, of {settings.port} "{own}"',
     )
 
@@ -453,12 +454,14 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     code = getattr(error, "errno", None)
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
-            f"no serial port {path}; {listing(serial_ports(), 'USB serial port')}",
+            f"no such serial port; {listing(serial_ports(), 'USB serial port')}",
+            place=path,
             fix="plug the instrument in; " + Action.FIND_DEVICES() + " shows the identity",
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceAccessError(
-            f"no permission for {path} (it belongs to group {group_of(path)})",
+            f"no permission (it belongs to group {group_of(path)})",
+            place=path,
             fix=permission_fix(group_of(path)),
         )
     if code in (errno.EAGAIN, errno.EBUSY):

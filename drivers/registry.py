@@ -68,10 +68,11 @@ def get(name: str) -> Driver:
     if not owners:
         near = difflib.get_close_matches(name, names(), n=1)
         hint = f"did you mean {near[0]}?" if near else Action.FIND_DEVICES() + " lists the drivers"
-        raise ConfigError(f"there is no driver {name!r}; available: {', '.join(names())}", fix=hint)
+        raise ConfigError(f"no such driver; available: {', '.join(names())}", place=name, fix=hint)
     if len(owners) > 1:
         raise ConfigError(
-            f"two drivers are called {name!r}: one of {owners[0]}, one of {owners[1]}",
+            f"two drivers have this name: one of {owners[0]}, one of {owners[1]}",
+            place=name,
             fix=f"uninstall one of them: pip uninstall {owners[-1]}",
         )
     target = BUILT_IN[name] if name in BUILT_IN else plugins[0].value
@@ -98,7 +99,7 @@ def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
     """Decode `data` with the driver called `name` and the options `given`; raises `ConfigError`."""
     driver = get(name)
     if not isinstance(driver, Decodes):
-        raise ConfigError(f"the driver {name} cannot decode without its instrument", fix=Action.RECORD())
+        raise ConfigError("this driver cannot decode without its instrument", place=name, fix=Action.RECORD())
     _reject_unknown(decoding_settings(name, given), driver)
     return driver.decode(data, given)
 
@@ -136,7 +137,8 @@ def _load(name: str, target: str, owner: str) -> Driver:
         driver = getattr(importlib.import_module(module), attribute)()
     except Exception as error:  # another package's code may fail in any way
         raise ConfigError(
-            f"the driver {name!r} of {owner} cannot be loaded: {type(error).__name__}: {message_of(error)}",
+            f"the driver of {owner} cannot be loaded: {type(error).__name__}: {message_of(error)}",
+            place=name,
             fix=f"pip install --upgrade {owner}, or pip uninstall {owner}",
         ) from error
     return cast(Driver, driver)

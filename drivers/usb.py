@@ -40,7 +40,7 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[Kind]) -> tuple[Any, UsbI
 
 
 @contextmanager
-def usb_errors(where: str) -> Iterator[None]:
+def usb_errors(place: str) -> Iterator[None]:
     """Around pyusb calls: their errors become `DeviceAccessError`, `DeviceLostError` or `DeviceError`."""
     try:
         yield
@@ -50,19 +50,22 @@ def usb_errors(where: str) -> Iterator[None]:
         code = error.errno
         if code in (errno.EACCES, errno.EPERM):
             raise DeviceAccessError(
-                f"no permission for the USB instrument {where}", fix=permission_fix("plugdev")
+                "no permission for this USB instrument", place=place, fix=permission_fix("plugdev")
             ) from error
         if code == errno.EBUSY:
             raise DeviceAccessError(
-                f"the USB instrument {where} is used by another program",
+                "used by another program",
+                place=place,
                 fix="close it, or unplug and plug it",
             ) from error
         if code in (errno.ENODEV, errno.ENOENT, errno.EIO):
             raise DeviceLostError(
-                f"the USB instrument {where} is gone", fix="plug it back in; it is opened again by identity"
+                "the USB instrument is gone",
+                place=place,
+                fix="plug it back in; it is opened again by identity",
             ) from error
         raise DeviceError(
-            f"the USB instrument {where} refused: {error}", fix="unplug it and plug it in again"
+            f"the USB instrument refused: {error}", place=place, fix="unplug it and plug it in again"
         ) from error
 
 

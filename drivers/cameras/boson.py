@@ -129,10 +129,10 @@ class BosonSerial:
                 continue
             if message.status:
                 reason = ERRORS.get(message.status, f"error {message.status:#x}")
-                raise DeviceError(f"the Boson at {self._port.path} refuses {function:#010x}: {reason}")
+                raise DeviceError(f"refuses {function:#010x}: {reason}", place=self._port.path)
             return message.payload
         raise DeviceTimeoutError(
-            f"the Boson at {self._port.path} does not reply", fix="stop ModemManager: " + Action.DOCTOR()
+            "the Boson does not reply", place=self._port.path, fix="stop ModemManager: " + Action.DOCTOR()
         )
 
     def number(self, function: int) -> int:
@@ -295,7 +295,8 @@ def _first_frame(
         if not radiometric:
             raise
         raise DeviceError(
-            f"{name}: TLinear was requested, but the frames hold no temperatures",
+            "TLinear was requested, but the frames hold no temperatures",
+            place=name,
             fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
         ) from error
 

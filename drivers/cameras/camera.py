@@ -377,11 +377,13 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
             return frame
     if wrong:
         raise DecodeError(
-            f"{name}: the camera at {source.port} sends something else: {wrong}",
+            f"the camera at {source.port} sends something else: {wrong}",
             raw=raw,
+            place=name,
             fix="is it another camera, or in another mode? " + Action.FIND_DEVICES() + " shows it",
         )
     raise DeviceTimeoutError(
-        f"{name}: no frame from {source.port} within {FIRST_FRAME_S:g} s",
+        f"no frame from {source.port} within {FIRST_FRAME_S:g} s",
+        place=name,
         fix="unplug the camera and plug it into another socket, without a hub",
     )

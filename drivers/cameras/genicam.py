@@ -56,14 +56,16 @@ def _aravis() -> Any:
 
 
 @contextmanager
-def _errors(what: str) -> Iterator[None]:
+def _errors(place: str) -> Iterator[None]:
     """Around aravis' calls: their errors become `DeviceError`."""
     from gi.repository import GLib
 
     try:
         yield
     except GLib.Error as error:
-        raise DeviceError(error.message, place=what, fix="switch the camera off and on") from error
+        raise DeviceError(
+            f"refused: {error.message}", place=place, fix="switch the camera off and on"
+        ) from error
 
 
 class GenicamSource(StreamSource):
@@ -80,7 +82,8 @@ class GenicamSource(StreamSource):
             self.camera = self._aravis.Camera.new(address)
         except GLib.Error as error:
             raise DeviceNotFoundError(
-                f"no GenICam camera at {address}: {error.message}",
+                f"no GenICam camera: {error.message}",
+                place=address,
                 fix="check its power and address; arv-tool-0.8 lists those in the network",
             ) from error
         self._stream: Any = None
@@ -88,7 +91,7 @@ class GenicamSource(StreamSource):
 
     def start(self) -> None:
         """Let the camera send; raises `DeviceError`."""
-        with _errors(f"the camera at {self.port} does not start"):
+        with _errors(self.port):
             self._stream = self.camera.create_stream(None, None)
             for _ in range(BUFFERS):
                 self._stream.push_buffer(self._aravis.Buffer.new_allocate(self.camera.get_payload()))
@@ -97,7 +100,7 @@ class GenicamSource(StreamSource):
     def close(self) -> None:
         """Stop the camera and let go of it; a second call does nothing."""
         camera, self.camera, self._stream = self.camera, None, None
-        with suppress(DeviceError), _errors("the camera does not stop"):
+        with suppress(DeviceError), _errors(self.port):
             if camera is not None:
                 camera.stop_acquisition()
 
@@ -166,12 +169,13 @@ class Genicam(CameraDriver):
 
 def _set_up(device: Any, settings: DeviceSettings) -> dict[str, Any]:
     """Choose region, Mono16 and FLIR's linear temperatures; what the camera reports of itself."""
-    with _errors(f"{settings.name}: the camera refuses"):
+    with _errors(settings.name):
         vendor, model = device.get_vendor_name(), device.get_model_name()
         formats = device.dup_available_pixel_formats_as_strings()
         if MONO16 not in formats:
             raise DeviceError(
-                f"{settings.name}: {vendor} {model} gives {', '.join(formats)}: images without temperatures",
+                f"{vendor} {model} gives {', '.join(formats)}: images without temperatures",
+                place=settings.name,
                 fix=f"only cameras with {MONO16} are recorded",
             )
         device.set_pixel_format_from_string(MONO16)
@@ -195,7 +199,8 @@ def _temperatures(device: Any, settings: DeviceSettings) -> dict[str, Any]:
     device.set_string("IRFormat", ir_format)
     if (read_back := device.get_string("IRFormat")) != ir_format:
         raise DeviceError(
-            f"{settings.name}: the camera keeps IRFormat {read_back}, not {ir_format}",
+            f"the camera keeps IRFormat {read_back}, not {ir_format}",
+            place=settings.name,
             fix="end the maker's program, which may hold the camera's settings",
         )
     facts = {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": ir_format}

@@ -69,7 +69,7 @@ class UdpSource(StreamSource):
             self._socket.connect(address)
         except (OSError, UnicodeError) as error:  # no name of a host
             self._socket.close()
-            raise DeviceNotFoundError(f"no way to {self.port}: {error}", fix=_ADVICE) from error
+            raise DeviceNotFoundError(f"cannot be reached: {error}", place=self.port, fix=_ADVICE) from error
         self._socket.setblocking(False)
 
     def ask(self, request: bytes, reply: bytes) -> str:
@@ -79,12 +79,13 @@ class UdpSource(StreamSource):
             datagram = self._datagram(left_s)
             if datagram.startswith(b"Device already bound"):
                 raise DeviceAccessError(
-                    f"the camera at {self.port} is bound to another computer",
+                    "bound to another computer",
+                    place=self.port,
                     fix="end its program there, or switch the board off and on",
                 )
             if datagram.startswith(reply):
                 return datagram.decode("latin-1")
-        raise DeviceNotFoundError(f"no HTPA board replies at {self.port}", fix=_ADVICE)
+        raise DeviceNotFoundError("no HTPA board replies", place=self.port, fix=_ADVICE)
 
     def send(self, command: bytes) -> None:
         """Send a command; raises `DeviceLostError`."""
@@ -121,7 +122,7 @@ class UdpSource(StreamSource):
             raise self._lost(error) from error
 
     def _lost(self, error: OSError) -> DeviceLostError:
-        return DeviceLostError(f"the camera at {self.port} is gone: {error}", fix=_ADVICE)
+        return DeviceLostError(f"the camera is gone: {error}", place=self.port, fix=_ADVICE)
 
 
 _ADVICE = "switch the board on and join its network, or give its address: port = host"
@@ -156,7 +157,8 @@ def _facts(name: str, answer: str) -> dict[str, Any]:
     if array is None or int(array[1]) != ARRAY_TYPE:
         what = array[0] if array else "an unknown array"
         raise DeviceError(
-            f"{name}: {what} is not an HTPA32x32d (array type {ARRAY_TYPE})",
+            f"{what} is not an HTPA32x32d (array type {ARRAY_TYPE})",
+            place=name,
             fix="only 32x32d boards are read; use one of them",
         )
     serial, firmware = re.search(r"DevID: *(\d+)", answer), re.search(r"v\. ?(\d+\.\d+)", answer)

@@ -104,9 +104,9 @@ def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
 class Commands:
     """The command channel of one camera; `unit` is a pyusb device."""
 
-    def __init__(self, unit: Any, where: str, clock: Clock) -> None:
+    def __init__(self, unit: Any, place: str, clock: Clock) -> None:
         self._unit = unit
-        self._where = where
+        self._place = place
         self._clock = clock
 
     def information(self, item: int, length: int) -> bytes:
@@ -138,11 +138,11 @@ class Commands:
         self._wait()
 
     def _write(self, window: int, data: bytes) -> None:
-        with usb_errors(self._where):
+        with usb_errors(self._place):
             self._unit.ctrl_transfer(*WRITE, VALUE, window, data)
 
     def _read(self, window: int, length: int) -> bytes:
-        with usb_errors(self._where):
+        with usb_errors(self._place):
             return bytes(self._unit.ctrl_transfer(*READ, VALUE, window, length))
 
     def _wait(self) -> None:
@@ -150,10 +150,10 @@ class Commands:
         deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
         while (status := self._read(STATUS, 1)[0]) & 3:
             if status & 0xFC:
-                raise DeviceError(f"the camera {self._where} refuses the command: status {status:#04x}")
+                raise DeviceError(f"refuses the command: status {status:#04x}", place=self._place)
             if self._clock.mono_ns() > deadline_ns:
                 raise DeviceTimeoutError(
-                    f"the camera {self._where} stays busy", fix="unplug it and plug it in again"
+                    "stays busy", place=self._place, fix="unplug it and plug it in again"
                 )
             self._clock.sleep(0.001)
 
@@ -170,11 +170,12 @@ def connect(
     if not units:
         if requested:
             raise DeviceAccessError(
-                f"the camera's commands cannot be reached, so its {requested[0].name} cannot be set",
+                "cannot be set: the camera's commands cannot be reached",
+                place=requested[0].name,
                 fix=permission_fix("plugdev"),
             )
         return None, {"commands": "not reachable"}
-    commands = Commands(units[0], f"at USB {usb.path}", clock)
+    commands = Commands(units[0], f"USB {usb.path}", clock)
     try:
         for setting in requested:
             _apply(commands, setting)
@@ -190,8 +191,8 @@ def _apply(commands: Commands, setting: CameraSetting) -> None:
     read_back = commands.set(setting.table, setting.item, setting.counts)
     if abs(read_back - setting.counts) > setting.slack:
         raise DeviceError(
-            f"the camera did not accept {setting.name} = {setting.value}: "
-            f"sent {setting.counts}, read back {read_back}",
+            f"the camera did not accept {setting.value}: sent {setting.counts}, read back {read_back}",
+            place=setting.name,
             fix=f"omit {setting.name} from the configuration",
         )
     if setting.table == AUTO_SHUTTER and not setting.counts:

@@ -57,7 +57,8 @@ class OpenCvSource:
                 return
         self.close()
         raise DeviceNotFoundError(
-            f"OpenCV gets no raw {fourcc.strip()} frame from {port}",
+            f"OpenCV gets no raw {fourcc.strip()} frame",
+            place=port,
             fix="close other programs that use the camera; " + Action.FIND_DEVICES() + " shows what there is",
         )
 
@@ -76,7 +77,8 @@ class OpenCvSource:
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(
-            f"the camera at {self.port} stopped sending frames",
+            "the camera stopped sending frames",
+            place=self.port,
             fix="plug it back in; it is opened again by identity",
         )
 
@@ -85,7 +87,7 @@ class OpenCvSource:
         import cv2
 
         if not self._capture.set(cv2.CAP_PROP_ZOOM, float(value)):
-            raise DeviceError(f"the camera at {self.port} refused zoom command {value:#06x}")
+            raise DeviceError(f"refused zoom command {value:#06x}", place=self.port)
 
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
@@ -149,7 +151,9 @@ class CameraDriver:
 
 def cannot_command(source: FrameSource) -> DeviceError:
     """The error of a source that has no way to send this camera its commands."""
-    return DeviceError(f"{source.backend} cannot command this camera", fix='backend = "v4l2"')
+    return DeviceError(
+        f"cannot be commanded through {source.backend}", place=source.port, fix='backend = "v4l2"'
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +197,7 @@ def open_source(settings: DeviceSettings, video: CameraFormat, clock: Clock) -> 
     present = cameras()
     path, usb = _pick(settings, video, present)
     if reason := WITHOUT_TEMPERATURES.get((usb.vendor, usb.product)):
-        raise DeviceNotFoundError(f"{settings.name}: {reason}", fix=_ANOTHER_CAMERA)
+        raise DeviceNotFoundError(reason, place=settings.name, fix=_ANOTHER_CAMERA)
     direct = backend == "v4l2" or (backend == "auto" and sys.platform == "linux")
     reader = V4l2Source if direct else OpenCvSource
     identity = usb.as_text([other for _, other in present]) if usb.vendor else settings.identity
@@ -202,7 +206,9 @@ def open_source(settings: DeviceSettings, video: CameraFormat, clock: Clock) -> 
     except DeviceNotFoundError as error:
         if not video.otherwise or (usb.vendor, usb.product) not in video.kinds:
             raise
-        raise DeviceNotFoundError(f"{error.message}: {video.otherwise}", fix=_ANOTHER_CAMERA) from error
+        raise DeviceNotFoundError(
+            error.problem + f": {video.otherwise}", place=error.place, fix=_ANOTHER_CAMERA
+        ) from error
 
 
 def _pick(settings: DeviceSettings, video: CameraFormat, present: list[Found]) -> Found:

@@ -33,7 +33,8 @@ class StreamSource(ABC):
             self._last_received_ns = now_ns
         elif now_ns - self._last_received_ns > SILENT_S * 1e9:
             raise DeviceLostError(
-                f"the camera at {self.port} has sent nothing for {SILENT_S:g} s",
+                f"the camera has sent nothing for {SILENT_S:g} s",
+                place=self.port,
                 fix="check its power and its connection; it is opened again by itself",
             )
         return buffer

@@ -178,11 +178,9 @@ class BulkSource:
         deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
         while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (REPLYING, DONE):
             if status != BUSY:
-                raise DeviceError(f"the camera at {self.port} refuses the command: status {status}")
+                raise DeviceError(f"refuses the command: status {status}", place=self.port)
             if self._clock.mono_ns() > deadline_ns:
-                raise DeviceError(
-                    f"the camera at {self.port} stays busy", fix="unplug it and plug it in again"
-                )
+                raise DeviceError("stays busy", place=self.port, fix="unplug it and plug it in again")
             self._clock.sleep(0.001)
 
     def _chunk(self, timeout_ms: int) -> bytes:

@@ -293,7 +293,8 @@ class V4l2Source:
         fcntl.ioctl(self._fd, QUERYCAP, caps)
         if not (caps.device_caps & CAP_CAPTURE and caps.device_caps & CAP_STREAMING):
             raise DeviceNotFoundError(
-                f"{self.port} is a metadata node, not the camera's frame",
+                "a metadata node, not the camera's frame",
+                place=self.port,
                 fix="omit port from the configuration: the node is found by identity",
             )
 
@@ -302,7 +303,8 @@ class V4l2Source:
         chosen = next((size for size in sizes if size in offered), None)
         if chosen is None:
             raise DeviceNotFoundError(
-                f"{self.port} offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
+                f"offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
+                place=self.port,
                 fix="is it another camera, or in another mode? " + Action.FIND_DEVICES() + " shows it",
             )
         request = Format(type=CAPTURE)
@@ -311,7 +313,8 @@ class V4l2Source:
         got = request.fmt.pix
         if (got.width, got.height, got.pixelformat) != (*chosen, _code(fourcc)):
             raise DeviceNotFoundError(
-                f"{self.port} took {got.width}x{got.height} instead of {_list([chosen])}",
+                f"took {got.width}x{got.height} instead of {_list([chosen])}",
+                place=self.port,
                 fix="unplug the camera and plug it in again",
             )
         return chosen
@@ -351,7 +354,8 @@ class V4l2Source:
             return False
         except OSError as error:
             raise DeviceLostError(
-                f"the camera at {self.port} is gone ({os.strerror(error.errno or 0)})",
+                f"the camera is gone ({os.strerror(error.errno or 0)})",
+                place=self.port,
                 fix="plug it back in; it is opened again by identity",
             ) from error
         return True
@@ -366,7 +370,7 @@ class V4l2Source:
         return content.raw
 
     def _refusal(self, what: str, error: OSError) -> DeviceError:
-        return DeviceError(f"the camera at {self.port} refused {what}: {os.strerror(error.errno or 0)}")
+        return DeviceError(f"refused {what}: {os.strerror(error.errno or 0)}", place=self.port)
 
 
 def _code(fourcc: str) -> int:
@@ -380,18 +384,21 @@ def _list(sizes: Sequence[tuple[int, int]]) -> str:
 def _failure(path: str, error: OSError) -> DeviceError:
     """Error of a video node that would not start, with what to type."""
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return DeviceNotFoundError(f"no camera at {path}", fix=Action.FIND_DEVICES() + " shows the identity")
+        return DeviceNotFoundError(
+            "no camera here", place=path, fix=Action.FIND_DEVICES() + " shows the identity"
+        )
     if error.errno in (errno.EACCES, errno.EPERM):
-        return DeviceAccessError(f"no permission for the camera {path}", fix=permission_fix("video"))
+        return DeviceAccessError("no permission", place=path, fix=permission_fix("video"))
     if error.errno == errno.EBUSY:
         return DeviceAccessError(
-            f"the camera {path} is used by another program", fix=f"close it (fuser -v {path} names it)"
+            "used by another program", place=path, fix=f"close it (fuser -v {path} names it)"
         )
     if error.errno == errno.ENOSPC:
         return DeviceAccessError(
-            f"no USB bandwidth left for the camera {path}",
+            "no USB bandwidth left",
+            place=path,
             fix="plug it into a socket of another USB controller, away from the other camera",
         )
     return DeviceAccessError(
-        f"the camera {path} does not start: {error}", fix="unplug it and plug it in again"
+        f"the camera does not start: {error}", place=path, fix="unplug it and plug it in again"
     )

@@ -102,7 +102,8 @@ class Y16(CameraDriver):
         if not (settings.identity or settings.port or settings.source):
             present = ", ".join(usb.as_text() for _, usb in cameras()) or "none"
             raise ConfigError(
-                f"{settings.name}: y16 reads any camera, so one must be named; connected: {present}",
+                f"y16 reads any camera, so one must be named; connected: {present}",
+                place=settings.name,
                 fix='identity = "vendor:product"',
             )
         sizes = _sizes(settings)

@@ -197,7 +197,8 @@ def open_thermometer(
     driver = DRIVERS.get(model, settings.driver)
     if driver != settings.driver:
         raise DeviceNotFoundError(
-            f"{settings.name}: the meter at {port.path} is a Center {model}",
+            f"the meter at {port.path} is a Center {model}",
+            place=settings.name,
             fix=f'driver = "{driver}"' if driver else "this model has no driver",
         )
     meter.first_reply(port, b"A", layout, settings.name, _HINT)

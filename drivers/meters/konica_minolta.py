@@ -223,4 +223,4 @@ def _hold(port: Port, clock: Clock, head: int) -> None:
         refusal = BROKEN.get(reply.raw[6:7].decode(), "") if reply else "it does not reply"
         if not refusal:
             return
-    raise DeviceError(f"the meter at {port.path} cannot be triggered: {refusal}", fix=_HINT)
+    raise DeviceError(f"cannot be triggered: {refusal}", place=port.path, fix=_HINT)

@@ -125,8 +125,9 @@ class Lutron(SerialDriver):
             info = meter.describe(settings, port, LAYOUT, "temperature", "K", ("T1", "T2", "T3", "T4"))
         else:
             raise DecodeError(
-                f"{settings.name}: the meter sends {unit}, neither light nor temperature",
+                f"the meter sends {unit}, neither light nor temperature",
                 raw=first.raw,
+                place=settings.name,
                 fix="switch the meter to lux, foot-candle, °C or °F",
             )
         return meter.Meter(info, port, LAYOUT, clock, "123456789ABC")

@@ -65,7 +65,8 @@ class Meter:
         keys, units = keys[: info.shape[0]], units[: info.shape[0]]
         if info.shape != (len(keys),):
             raise ConfigError(
-                f"{info.name}: {info.shape[0]} names are given, the meter has {len(keys)} channels",
+                f"{info.shape[0]} names are given, the meter has {len(keys)} channels",
+                place=f"{info.name}.labels",
                 fix=f"labels = at most {len(keys)} names, in the meter's own order",
             )
         self.info = info
@@ -219,12 +220,15 @@ def _require(stamped: Stamped | None, port: Port, name: str, hint: str, timeout_
         return stamped
     if port.framer.received:
         raise DecodeError(
-            f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"
+            f"{port.framer.received} bytes from {port.path}, none of them a record"
             f": {port.framer.reason or repr(port.framer.unread[:60])[1:]}",
             raw=port.framer.unread,
+            place=name,
             fix="check driver and line settings",
         )
-    raise DeviceTimeoutError(f"{name}: nothing received from {port.path} within {timeout_s:g} s", fix=hint)
+    raise DeviceTimeoutError(
+        f"nothing received from {port.path} within {timeout_s:g} s", place=name, fix=hint
+    )
 
 
 def describe(

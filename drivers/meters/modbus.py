@@ -159,7 +159,7 @@ def load_map(name: str) -> RegisterMap:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(
-            f"no register map {name!r}", fix=f"there are {', '.join(packaged_maps())}, or give a file"
+            "no such register map", place=name, fix=f"there are {', '.join(packaged_maps())}, or give a file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
@@ -401,7 +401,8 @@ class Modbus(SerialDriver):
         name = options.text(settings, "map", "")
         if not name:
             raise ConfigError(
-                f"{settings.name}: which instrument?",
+                "which instrument?",
+                place=f"{settings.name}.map",
                 fix=f"map = one of {', '.join(packaged_maps())}, or a file",
             )
         register_map = load_map(name)

@@ -401,8 +401,9 @@ def _first_values(
         before, is_whole = first, True
         grammar = replace(grammar, columns=configured_columns or header([first.note]) or grammar.columns)
     raise DecodeError(
-        f"{settings.name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
+        f"only comments and headers from {port.path}, the last one {before.note[:60]!r}",
         raw=before.note.encode(),
+        place=settings.name,
         fix=f"print lines with values every few seconds: {FORMS}",
     )
 

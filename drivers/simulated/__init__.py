@@ -67,7 +67,8 @@ class SimulatedField:
                 settings, port=instrument.path, options={**instrument.timing_options(), **settings.options}
             )
         raise ConfigError(
-            f"{settings.name}: there is no simulated instrument for the driver {settings.driver!r}",
+            f"there is no simulated instrument for the driver {settings.driver!r}",
+            place=settings.name,
             fix=f"simulated are {', '.join((*CAMERAS, *METERS))}",
         )
 

@@ -115,7 +115,7 @@ def test_options_of_the_driver_can_be_given():
         (("lutron", "02 3"), 3, "neither a file nor hexadecimal"),
         (("lutron", "hello"), 3, "neither a file nor hexadecimal"),
         (("lutrn", "02"), 3, "did you mean lutron?"),
-        (("modbus", "01", "--map", "nothing"), 3, "no register map 'nothing'"),
+        (("modbus", "01", "--map", "nothing"), 3, "nothing: "),
         (("lutron", "02", "--option", "x"), 2, "is not KEY=VALUE"),
     ],
 )
@@ -144,7 +144,7 @@ def test_devices_lists_everything_with_its_identity(plugged):
 def test_devices_tells_of_a_driver_that_cannot_be_loaded(tmp_path, monkeypatch):
     install(tmp_path, "broken-meter", "broken", "no_such_module:Driver")
     monkeypatch.syspath_prepend(tmp_path)
-    assert "'broken'" in run("devices").stderr
+    assert "broken: " in run("devices").stderr
 
 
 def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):

@@ -1,5 +1,7 @@
 """What `fieldkit doctor` sees of USB instruments, in a folder laid out as Linux lays out /sys."""
 
+import re
+
 import pytest
 
 from fieldkit.drivers import discovery, registry
@@ -78,4 +80,5 @@ def test_a_driver_that_cannot_look_for_its_instruments_does_not_hide_those_of_ot
     monkeypatch.setattr(registry, "load_all", lambda: ([Broken(), Lutron()], []))
     devices, problems = discovery.discover()
     assert devices == []
-    assert problems == ["the driver 'broken' finds nothing: OSError: no library"]
+    (problem,) = problems
+    assert re.search("'broken'.*OSError", problem)

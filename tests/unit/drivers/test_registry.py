@@ -7,6 +7,7 @@ from fieldkit.drivers import registry
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+from tests.harness.next_steps import at
 from tests.harness.plugins import install
 
 
@@ -28,7 +29,8 @@ def test_option_that_a_driver_has_not_is_refused_for_instruments_and_for_bytes(n
         registry.open_device(DeviceSettings("mine", name, port="/dev/none", options=wrong), HostClock())
     with pytest.raises(ConfigError) as decoding:
         registry.decode(name, b"", wrong)
-    assert opening.value.fix == decoding.value.fix == "did you mean latency_s?"
+    assert "latency_s?" in opening.value.fix
+    assert opening.value.fix == decoding.value.fix
 
 
 def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):
@@ -40,13 +42,13 @@ def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):
 def test_name_of_two_packages_is_refused_and_both_are_named(site_packages):
     install(site_packages, "first-meter", "same")
     install(site_packages, "second-meter", "same")
-    with pytest.raises(ConfigError, match=r"'same'.* first-meter.* second-meter"):
+    with pytest.raises(ConfigError, match=r"first-meter.* second-meter", check=at("same")):
         registry.get("same")
 
 
 def test_name_of_ours_is_not_for_others(site_packages):
     install(site_packages, "my-lutron", "lutron")
-    with pytest.raises(ConfigError, match=r"'lutron': .* my-lutron"):
+    with pytest.raises(ConfigError, match="my-lutron", check=at("lutron")):
         registry.get("lutron")
 
 
@@ -54,14 +56,14 @@ def test_broken_package_is_a_problem_not_an_end(site_packages):
     install(site_packages, "broken-meter", "broken", "no_such_module:Driver")
     drivers, problems = registry.load_all()
     assert {driver.name for driver in drivers} == set(registry.BUILT_IN)
-    assert len(problems) == 1
-    assert "'broken' of broken-meter cannot be loaded" in problems[0]
+    (problem,) = problems
+    assert problem.startswith("broken: ")
+    assert "broken-meter" in problem
 
 
 def test_misspelt_name_has_a_suggestion():
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=r"lutron\?", check=at("lutro")):
         registry.get("lutro")
-    assert caught.value.fix == "did you mean lutron?"
 
 
 def test_listing_the_names_loads_no_driver():

@@ -11,6 +11,7 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceError
 from fieldkit.model.samples import Quality
 from fieldkit.physics.camera_laws import law_named
+from tests.harness.next_steps import at
 
 COEFFICIENTS = (0.001, 1.0, 0.0, 1e-4, 0.018)
 
@@ -120,7 +121,7 @@ def test_camera_that_refuses_its_first_command_is_let_go(reel):
 def test_source_without_zoom_is_refused(reel, monkeypatch):
     source = reel(frame(flat(5000)))
     monkeypatch.delattr(type(source), "set_zoom")
-    with pytest.raises(DeviceError, match="cannot command"):
+    with pytest.raises(DeviceError, check=at(source.port)):
         opened(source)
     assert source.closed == 1
 

@@ -14,6 +14,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Quality
+from tests.harness.next_steps import at
 
 ANSWER = (
     "HTPA series responsed! I am Arraytype {} MODTYPE 011\r\nADC: 16\r\n"
@@ -112,7 +113,7 @@ def test_a_board_conforms_in_the_network():
 
 
 def test_a_board_bound_elsewhere_or_of_another_array_is_refused_by_name():
-    with pytest.raises(DeviceAccessError, match=r"127\.0\.0\.1:\d+ .* another computer"):
+    with pytest.raises(DeviceAccessError, match=r"^127\.0\.0\.1:\d+: "):
         opened(Board(bound=True))
     with pytest.raises(DeviceError, match="HTPA32x32d"):
         opened(Board(array=11))
@@ -122,6 +123,5 @@ def test_a_board_that_is_off_is_named_with_its_address():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
         unused.bind(("127.0.0.1", 0))
         port = f"127.0.0.1:{unused.getsockname()[1]}"
-    with pytest.raises((DeviceNotFoundError, DeviceLostError), match=port) as caught:
+    with pytest.raises((DeviceNotFoundError, DeviceLostError), check=at(port)):
         open_with(Htpa(), DeviceSettings("ir", "htpa", port=port), HostClock())
-    assert "switch the board on" in caught.value.fix

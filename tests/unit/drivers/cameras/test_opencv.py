@@ -106,7 +106,7 @@ def test_commands_go_by_the_zoom_or_not_at_all(opened):
     source, capture = opened(10)
     source.set_zoom(0x8004)
     assert capture.asked[-1] == (cv2.CAP_PROP_ZOOM, float(0x8004))
-    with pytest.raises(DeviceError, match="refused zoom command 0x8000"):
+    with pytest.raises(DeviceError, match="0x8000"):
         source.set_zoom(0x8000)
     with pytest.raises(DeviceError, match='backend = "v4l2"'):
         run_shutter(source)  # by an extension unit

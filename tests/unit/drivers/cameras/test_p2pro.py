@@ -12,6 +12,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError
 from fieldkit.model.samples import NO_COUNTER, Quality
+from tests.harness.next_steps import at
 
 GREY = np.full((192, 256), 0x8020, "<u2")
 
@@ -187,7 +188,7 @@ def test_camera_whose_shutter_must_not_run_by_itself_is_calibrated_once(far, mon
 
 def test_setting_the_firmware_ignores_is_an_error(far, monkeypatch):
     far.refuses = (0,)
-    with pytest.raises(DeviceError, match=r"did not accept distance_m = 3\.0: sent 384, read back 0"):
+    with pytest.raises(DeviceError, match=r"3\.0: .* 384, .* 0\b", check=at("distance_m")):
         connected(far, monkeypatch, distance_m=3)
 
 
@@ -220,7 +221,7 @@ def test_unreachable_commands_are_a_fact_unless_a_setting_is_wanted(reel):
     assert camera.info.settings["commands"] == "not reachable"
     assert camera.run_shutter() is False
     source = reel(frame())
-    with pytest.raises(DeviceAccessError, match="gain cannot be set"):
+    with pytest.raises(DeviceAccessError, check=at("gain")):
         opened(source, gain="low")
     assert source.closed
 

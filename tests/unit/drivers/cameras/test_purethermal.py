@@ -1,6 +1,7 @@
 import dataclasses
 import gzip
 import json
+import re
 import struct
 
 import numpy as np
@@ -118,7 +119,7 @@ def test_without_tlinear_the_end_is_that_of_14_bits_unless_there_are_more(count,
 def test_other_byte_counts_are_rejected_with_the_right_ones(size):
     rejected = decode(bytes(size))
     assert isinstance(rejected, Rejected)
-    assert "9600 or 10080 or 38400 or 39040" in rejected.reason
+    assert re.findall(r"\d{4,}", rejected.reason)[-4:] == ["9600", "10080", "38400", "39040"]
 
 
 def test_stream_is_declared_by_the_first_frame(reel):

@@ -17,6 +17,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Quality
+from tests.harness.next_steps import at
 
 STATUS = '{"status": {"Camera": "tCam-Mini-EFB5", "Model": 262402, "Version": "2.0"}}'
 CONFIG = '{"config":{"agc_enabled":0,"emissivity":98,"gain_mode":0}}'
@@ -97,9 +98,7 @@ def test_packets_are_found_among_replies_and_noise():
 def test_half_a_packet_does_not_take_the_next_one_with_it():
     decoded = TCam().decode(image()[:20_000] + image(), {})
     assert decoded.notes == ("frame of 160x120",)
-    assert [(rejected.length, rejected.reason) for rejected in decoded.rejected] == [
-        (20_000, "a packet begins before this one ends")
-    ]
+    assert [rejected.length for rejected in decoded.rejected] == [20_000]
 
 
 def test_bytes_without_an_end_are_dropped_at_once():
@@ -201,10 +200,10 @@ def test_a_camera_in_the_network_is_opened_read_and_left(far_end):
 
 
 def test_an_address_is_needed_and_named_when_nothing_answers():
-    with pytest.raises(ConfigError, match="needs the instrument's address"):
+    with pytest.raises(ConfigError, check=at("ir")):
         TCam().open(DeviceSettings("ir", "tcam"), HostClock())
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = f"127.0.0.1:{unused.getsockname()[1]}"
-    with pytest.raises(DeviceNotFoundError, match=f"no tCam at {port}") as caught:
+    with pytest.raises(DeviceNotFoundError, check=at(port)) as caught:
         TCam().open(DeviceSettings("ir", "tcam", port=port), HostClock())
     assert "tCam-Mini" in caught.value.fix

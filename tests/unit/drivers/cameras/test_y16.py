@@ -1,3 +1,5 @@
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality
+from tests.harness.next_steps import at
 from tests.shared_data import shared
 
 COUNTS = np.random.default_rng(0).integers(6900, 7000, (240, 320)).astype("<u2")
@@ -32,7 +35,7 @@ def test_scale_is_what_the_user_says(reel):
 
 
 def test_it_must_be_told_which_camera():
-    with pytest.raises(ConfigError, match="one must be named"):
+    with pytest.raises(ConfigError, check=at("ir")):
         Y16().open(DeviceSettings("ir", "y16"), HostClock())
 
 
@@ -52,6 +55,6 @@ def test_bytes_of_no_usual_size_are_not_cut_into_one():
     assert "-o width" in part.reason
     told = Y16().decode(data + b"\0", {"width": 208, "height": 156})
     assert (told.values[1].value, told.rest) == (29515.0, 1)
-    assert told.notes == ("frame of 208x156", "a frame of this family has 64896 bytes")
-    with pytest.raises(ConfigError, match="width = 'wide' is not a number"):
+    assert [re.findall(r"\d+", note) for note in told.notes] == [["208", "156"], ["64896"]]
+    with pytest.raises(ConfigError, match="width = 'wide'"):
         Y16().decode(data, {"width": "wide", "height": 156})

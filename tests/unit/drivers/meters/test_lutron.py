@@ -106,9 +106,8 @@ def test_meter_of_neither_light_nor_temperature_is_refused(wire):
 
 
 def test_unknown_option_is_refused_with_the_near_one(wire):
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=r"range_max_lx\?"):
         registry.open_device(settings(wire, range_max_lux=1), HostClock())
-    assert caught.value.fix == "did you mean range_max_lx?"
 
 
 @pytest.mark.parametrize("offset", [0, 1, 2, 3, 5, 6, 7, 14, 15])

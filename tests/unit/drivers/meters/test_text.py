@@ -10,6 +10,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
+from tests.harness.next_steps import at
 
 
 def settings(wire, **options):
@@ -86,7 +87,7 @@ class HurriedClock(HostClock):
 
 def test_a_board_that_prints_only_comments_is_said_to_after_a_while(wire):
     wire.talk(b"# hello\r\nms,T1_c\r\n")
-    with pytest.raises(DecodeError, match="only comments and headers"):
+    with pytest.raises(DecodeError, check=at("board")):
         Text().open(settings(wire), HurriedClock())
 
 
@@ -111,7 +112,7 @@ def test_unit_of_bare_numbers_is_configured(wire):
 
 @pytest.mark.parametrize("options", [{"columns": "a,b"}, {"no_value": 85}, {"no_value": ["x"]}])
 def test_wrong_options_say_what_is_expected(wire, options):
-    with pytest.raises(ConfigError, match="is not a list"):
+    with pytest.raises(ConfigError, match=rf"{next(iter(options))} = "):
         Text().open(settings(wire, **options), HostClock())
 
 
@@ -283,7 +284,7 @@ def test_a_board_that_cannot_be_read_shows_its_line_and_the_accepted_forms(wire,
     with pytest.raises(DecodeError) as caught:
         Text().open(settings(wire), HostClock())
     assert "LUX 980.2" in caught.value.message
-    assert "T1=21.56 C, lux=98760 lx | Light: 98760 lx" in str(caught.value.fix)
+    assert "T1=21.56 C" in str(caught.value.fix)
 
 
 def test_a_meter_states_why_it_dropped_a_line(wire):
