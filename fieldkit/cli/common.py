@@ -210,7 +210,7 @@ def usage_errors() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        raise click.UsageError(in_commands(error.explanation)) from error
+        raise click.UsageError(in_commands(error.line)) from error
 
 
 def say_warning(text: Text) -> None:

@@ -70,7 +70,8 @@ def read_bytes(words: Sequence[str], *, is_text: bool = False) -> bytes:
     if is_text:
         return text.replace("\\r", "\r").replace("\\n", "\n").rstrip("\n").encode() + b"\n"  # typed: a line
     raise ConfigError(
-        f"{text[:60]!r} is neither a file nor hexadecimal",
+        "is neither a file nor hexadecimal",
+        place=repr(text[:60]),
         fix="two digits per byte, as in: 02 34 31",
     )
 

@@ -22,10 +22,10 @@ MOST_NAMES = 10
 FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format in EXPORTS.items())
 
 
-# options but the kind and --speed go into `export` under its own names
+# options but --speed go into `export` under its own names
 @click.command(cls=Command, help=f"Write SESSION (default: the latest) for other programs.\n\n\b\n{FORMATS}")
 @click.argument("session", required=False, type=PATH)
-@click.option("--to", "kind", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
+@click.option("--to", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
 @click.option("-o", "--out", "folder", type=PATH, metavar="DIR", help="[default: results/NAME]")
 @click.option("--stream", metavar="NAME", help="Camera, if there are several; of mcap and ros2, any stream.")
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
@@ -37,7 +37,7 @@ FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format
     "--speed", "speed", "max", "Session seconds per second of video; max: 25 frames.", metavar="N|max"
 )
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
-def command(session: Path | None, kind: str, speed: str, **options: Any) -> None:
+def command(session: Path | None, to: str, speed: str, **options: Any) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
@@ -46,8 +46,8 @@ def command(session: Path | None, kind: str, speed: str, **options: Any) -> None
     factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
         frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
-        task = bar.add_task(f"writing {kind}", total=frames)
-        exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **options)
+        task = bar.add_task(f"writing {to}", total=frames)
+        exported = export(opened, to, speed=factor, on_frame=lambda: bar.advance(task), **options)
     _print(path, exported)
     if exported.problems:
         raise IntegrityError(f"{'; '.join(exported.problems)}", place=path, fix=Action.CHECK(path))

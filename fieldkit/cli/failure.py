@@ -35,7 +35,6 @@ _OF_A_DISK = (
     *(errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.ESTALE),
 )
 """Failures by disks, permissions and paths in a command that has no words of its own for it."""
-_OTHER_PLACE = "send it to another disk"
 
 
 @contextmanager
@@ -61,7 +60,8 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _BROKEN and _stdout_is_broken():
             if not isinstance(error, BrokenPipeError):
-                explain(StorageError(f"the output cannot be written: {error.strerror}", fix=_OTHER_PLACE))
+                what = f"cannot be written: {error.strerror}"
+                explain(StorageError(what, place="the output", fix="send it to another disk"))
             ctx.exit(0 if isinstance(error, BrokenPipeError) else StorageError.exit_code)
         if isinstance(error, OSError) and error.errno in _OF_A_DISK:
             explain(_as_storage_error(error))
@@ -71,8 +71,8 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
 
 
 def _as_storage_error(error: OSError) -> StorageError:
-    what = f"cannot use {error.filename}: {error.strerror}" if error.filename else str(error.strerror)
-    return StorageError(what, fix="check that the disk has room, and that this user may write there")
+    fix = "check that the disk has room, and that this user may write there"
+    return StorageError(str(error.strerror), place=error.filename, fix=fix)
 
 
 def _replace_missing_letters() -> None:
@@ -119,7 +119,7 @@ def explain(error: FieldkitError) -> None:
 
 
 def _report_unexpected(error: Exception, command: str) -> None:
-    what = f"{command} failed unexpectedly: {type(error).__name__}: {error}"
+    what = f"failed unexpectedly: {type(error).__name__}: {error}"
     try:
         fix = f"this is a bug in fieldkit; details are in {_write_log(error, command)}"
     except OSError:
@@ -127,7 +127,7 @@ def _report_unexpected(error: Exception, command: str) -> None:
 
         traceback.print_exception(error)
         fix = None
-    explain(FieldkitError(what, fix=fix))
+    explain(FieldkitError(what, place=command, fix=fix))
 
 
 def _write_log(error: Exception, command: str) -> Path:

@@ -21,7 +21,7 @@ Changes = tuple[str | None, str | None, str | None, str | None]
     "--at", metavar="TIME", help="Time of the event: -30s, -5m, 12:31 (the site's zone), or ISO 8601."
 )
 @click.option("--from", "start", metavar="TIME", help="Start of an interval; needs --until.")
-@click.option("--until", "end", metavar="TIME", help="End of an interval; needs --from.")
+@click.option("--until", "to", metavar="TIME", help="End of an interval; needs --from.")
 @click.option(
     "--for", "longest", metavar="TIME", help="Longest time of a shade test that begins.  [default: 20m]"
 )
@@ -36,7 +36,7 @@ Changes = tuple[str | None, str | None, str | None, str | None]
 )
 def command(
     words: tuple[str, ...], kind: str | None, at: str | None, start: str | None,
-    end: str | None, longest: str | None, is_list: bool, take_back: str | None, edit: str | None,
+    to: str | None, longest: str | None, is_list: bool, take_back: str | None, edit: str | None,
     session: Path | None,
 ) -> None:  # fmt: skip
     r"""Add the note TEXT to the running recording, as an event of its session.
@@ -56,8 +56,8 @@ def command(
     fieldkit mark --take-back 2
     fieldkit mark --edit 3 shade-test b25 --at 12:31 --session recordings/noon.h5
     """
-    text, changes = " ".join(words), (kind, at, start, end)
-    if (start is None) != (end is None) or (at and start):
+    text, changes = " ".join(words), (kind, at, start, to)
+    if (start is None) != (to is None) or (at and start):
         raise click.UsageError("give --at, or --from and --until together")
     actions = is_list + (take_back is not None) + (edit is not None)
     if actions > 1 or (actions and (longest or (edit is None and (text or any(changes))))):
@@ -67,17 +67,17 @@ def command(
     elif not text or session is not None:
         raise click.UsageError("give the TEXT of a mark; --session needs --list, --take-back or --edit")
     else:
-        _add(text, kind or "", at or start or "-0s", end, longest)
+        _add(text, kind or "", at or start or "-0s", to, longest)
 
 
-def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
+def _add(text: str, kind: str, at: str, to: str | None, longest: str | None) -> None:
     from fieldkit.recording.marks import mark_of
     from fieldkit.recording.requests import send_to_recorder
     from fieldkit.recording.running import unresponsive_recorder
 
     folder = recordings()
     with common.usage_errors():
-        mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=end, longest=longest)
+        mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=to, longest=longest)
     session = send_to_recorder(folder, mark).session
     if options().json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
@@ -91,12 +91,12 @@ def _correct(path: Path, take_back: str | None, edit: str | None, text: str, cha
     from fieldkit.recording.marks import correct_mark
     from fieldkit.results.marks import replacement, withdrawal
 
-    kind, at, start, end = changes
+    kind, at, start, to = changes
     if take_back is not None:
         mark = correct_mark(path, lambda session: withdrawal(session, take_back))
         say(f"{path.name}: {mark.text}")
     elif edit is not None:
-        times = {"at": at or start, "to": end}
+        times = {"at": at or start, "to": to}
         mark = correct_mark(
             path, lambda session: replacement(session, edit, text or None, label=kind, **times)
         )

@@ -16,6 +16,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
 from fieldkit.model.installation import install_extra
+from fieldkit.model.next_step import Argument
 from fieldkit.views.service_manager import is_expected
 
 if TYPE_CHECKING:
@@ -68,13 +69,14 @@ def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *
     try:
         from fieldkit.page.server import Page, listening, server
     except ModuleNotFoundError as error:
-        raise ConfigError(f"the page needs {error.name}", fix=install_extra("page")) from error
+        raise ConfigError("needed by the page", place=error.name, fix=install_extra("page")) from error
     try:
         listener = listening(address, port)
     except OSError as error:
         raise RefusedError(
-            f"cannot serve on {address}:{port}: {error.strerror}",
-            fix="try another --port or --address",
+            f"cannot serve here: {error.strerror}",
+            place=f"{address}:{port}",
+            fix="try another " + Argument("port") + " or " + Argument("address"),
         ) from error
     with listener:
         _print_links(config, address, port, "Ctrl-C ends the page")

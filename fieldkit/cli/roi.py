@@ -102,7 +102,8 @@ def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
     camera = read_regions(file)[0].tables.camera
     if camera is None or camera.width_px is None or camera.height_px is None:
         raise ConfigError(
-            f"{file}: the size of the camera's frame is not known",
+            "the size of the camera's frame is not known",
+            place=file,
             fix="set camera.width_px and camera.height_px",
         )
     return on_frame(read_pose(pose), (camera.height_px, camera.width_px), corners, time.time_ns())
@@ -133,7 +134,8 @@ def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
     chosen = [suggestion for suggestion in suggested_regions if accept or suggestion.region.name in names]
     if unknown := set(names) - {suggestion.region.name for suggestion in suggested_regions}:
         names_text = ", ".join(suggestion.region.name for suggestion in suggested_regions)
-        raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {names_text}")
+        place = ", ".join(sorted(unknown))
+        raise ConfigError("not suggested", place=place, fix=f"suggested are {names_text}")
     reply = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
     added = [suggestion.region.name for suggestion in chosen]
     if options().json:

@@ -54,7 +54,8 @@ def find_session(name: Path) -> Path:
     """
     path = name if exists(name) else recordings_folder() / name
     if not exists(path):
-        raise SessionError(f"there is no session {name}", fix=Action.LIST_SESSIONS() + " shows the sessions")
+        fix = Action.LIST_SESSIONS() + " shows the sessions"
+        raise SessionError("there is no such session", place=name, fix=fix)
     return path
 
 
@@ -68,8 +69,6 @@ def _expand(paths: Sequence[Path]) -> list[Path]:
         else:
             sessions.append(path)
     if not sessions:
-        where = f"in {', '.join(map(str, paths))}" if paths else "here"
-        raise SessionError(
-            f"there are no sessions {where}", fix="name one, or record one: " + Action.RECORD()
-        )
+        where = ", ".join(map(str, paths or [recordings_folder()]))
+        raise SessionError("no sessions", place=where, fix="name one, or record one: " + Action.RECORD())
     return sessions

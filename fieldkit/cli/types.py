@@ -43,7 +43,7 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
         try:
             return self._parse(value)
         except FieldkitError as error:
-            self.fail(in_commands(error.explanation), param, ctx)
+            self.fail(in_commands(error.line), param, ctx)
         except ValueError as error:
             self.fail(f"{value!r}: {error}", param, ctx)
 
@@ -216,7 +216,8 @@ def parse_stream_name(text: str) -> str:
     from fieldkit.sessions.layout import RESERVED_NAMES
 
     if text in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", text):
-        raise ConfigError(f"{text!r} cannot name a stream; use letters and digits, like logger2")
+        fix = "use letters and digits, like logger2"
+        raise ConfigError("cannot name a stream", place=repr(text), fix=fix)
     return text
 
 
@@ -230,14 +231,14 @@ def parse_clock_offset(text: str) -> float | Literal["auto"]:
     try:
         return "auto" if text == "auto" else parse_offset(text)
     except ConfigError as error:
-        raise ConfigError(f"{error.message}, or auto") from None
+        raise ConfigError(error.problem, place=error.place, fix=f"{error.fix}, or auto") from None
 
 
 def parse_key_value(text: str) -> tuple[str, Any]:
     """``KEY=VALUE``; the value as TOML reads it, or the text itself."""
     key, equals, value = text.partition("=")
     if not equals:
-        raise ConfigError(f"{text!r} is not KEY=VALUE")
+        raise ConfigError("is not KEY=VALUE", place=repr(text))
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -249,7 +250,7 @@ def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
     identity, _, driver_text = text.partition("=")
     driver, *pairs = driver_text.split(",")
     if not (identity and driver):
-        raise ConfigError(f"{text!r} is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron")
+        raise ConfigError("is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron", place=repr(text))
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
 
 

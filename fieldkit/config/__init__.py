@@ -9,7 +9,7 @@ What reads the file is imported when it is used: some commands only find the cam
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from fieldkit.config.files import FILE_NAME, find_campaign
+from fieldkit.config.files import FILE_NAME, NoCampaignError, find_campaign
 
 if TYPE_CHECKING:
     from fieldkit.config.config import Config
@@ -28,6 +28,7 @@ __all__ = [
     "Config",
     "ConfigMistakesError",
     "Mistake",
+    "NoCampaignError",
     "changed_config",
     "config_from_text",
     "find_campaign",

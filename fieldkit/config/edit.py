@@ -98,8 +98,8 @@ def set_key(draft: Draft, table: str, key: str, value: Any) -> None:
         lines.append(f"\n[{table}]\n{entry}")
     changed = "".join(lines)
     if not _is_toml(changed) or tomllib.loads(changed).get(table, {}).get(key) != value:
-        what = f"{draft.file} has no [{table}] of its own to set {key} in"
-        raise ConfigError(what, fix=f"edit {draft.file} by hand")
+        what = f"has no [{table}] of its own to set {key} in"
+        raise ConfigError(what, place=draft.file, fix=f"edit {draft.file} by hand")
     draft.text = changed
 
 
@@ -113,7 +113,7 @@ def _find(draft: Draft, name: str) -> int:
     names = _names(draft)
     if name not in names:
         fix = f"the regions are {', '.join(map(str, names))}" if names else "add it: " + Action.ADD_REGION()
-        raise ConfigError(f"there is no region {name!r}", fix=fix)
+        raise ConfigError("there is no such region", place=name, fix=fix)
     return names.index(name)
 
 

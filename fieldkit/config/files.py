@@ -14,6 +14,10 @@ from fieldkit.model.next_step import Action
 FILE_NAME = "fieldkit.toml"
 
 
+class NoCampaignError(ConfigError):
+    """There is no ``fieldkit.toml`` in a folder or above it."""
+
+
 def read_text(file: Path, *, newline: str | None = None) -> str:
     """The text of a file, without its byte order mark; `newline` as for `open`.
 
@@ -32,13 +36,14 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
 def find_campaign(start: Path) -> Path:
     """The ``fieldkit.toml`` of `start` or of the nearest folder above it.
 
-    Raises `ConfigError` if there is none.
+    Raises `NoCampaignError` if there is none.
     """
     for folder in (start.resolve(), *start.resolve().parents):
         if (folder / FILE_NAME).is_file():
             return folder / FILE_NAME
-    raise ConfigError(
-        f"no {FILE_NAME} in {start.resolve()} or above it",
+    raise NoCampaignError(
+        f"no {FILE_NAME} here or above",
+        place=start.resolve(),
         fix="change to a campaign folder, name one, or create one: " + Action.CREATE_CAMPAIGN(),
     )
 

@@ -67,7 +67,8 @@ class Ground:
         for east, north, *given in points:
             height = given[0] if given else self._height_m(east, north)
             if np.isnan(height):
-                raise ConfigError(f"{self.pose.table.dem} has no height at {east:.10g}, {north:.10g}")
+                what = f"has no height at {east:.10g}, {north:.10g}"
+                raise ConfigError(what, place=self.pose.table.dem)
             heights.append([float(east), float(north), float(height)])
         return heights
 
@@ -81,10 +82,9 @@ class Ground:
             if not self._unseen(time_ns, corners).any():
                 return self._on_frame(time_ns, corners)
         unseen = corners[self._unseen(times_ns[0], corners)]
-        named = " ".join(f"{east:.10g},{north:.10g}" for east, north, _ in unseen)
         raise ConfigError(
-            f"the camera does not see {named}: behind it, outside the frame, beyond range_m or behind nearer "
-            "ground",
+            "not seen by the camera: behind it, outside the frame, beyond range_m or behind nearer ground",
+            place=" ".join(f"{east:.10g},{north:.10g}" for east, north, _ in unseen),
             fix="correct the points or the pose",
         )
 

@@ -264,7 +264,7 @@ def _from_settings(settings: Sequence[str]) -> Iterator[tuple[str, list[str], An
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or not key.strip():
-            raise ConfigError(f"{SET}{setting}: no value", fix="write it as surface.albedo=0.25")
+            raise ConfigError("no value", place=f"{SET}{setting}", fix="write it as surface.albedo=0.25")
         yield f"{SET}{setting}", key.strip().split("."), _value(text)
 
 

@@ -123,7 +123,7 @@ def _unix_ns(text: str) -> int:
 
 
 def _wrong(name: str, line: int, what: str) -> ConfigError:
-    return ConfigError(f"{name}:{line}: {what}", fix=f"correct line {line} of {name}")
+    return ConfigError(what, place=f"{name}:{line}", fix=f"correct line {line} of {name}")
 
 
 def _iso(time_ns: int) -> str:

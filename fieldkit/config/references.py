@@ -69,7 +69,7 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
             value, document = _value(record, key), as_document(record)
             brings = _brought(document, key)
         except ConfigError as error:
-            mistakes.append(Mistake(place, f"{error.message}; {error.fix}" if error.fix else error.message))
+            mistakes.append(Mistake(place, str(error.line)))
             continue
         _put(values, place, value)
         for brought, number in brings.items():
@@ -98,19 +98,20 @@ def calibration_folder(path: Path) -> Path:
 
 def _value(record: CalibrationRecord, key: _Key) -> float:
     if record.kind != key.kind:
-        raise ConfigError(f"@{record.name} is a calibration of kind {record.kind}, not {key.kind}")
+        what = f"a calibration of kind {record.kind}, not {key.kind}"
+        raise ConfigError(what, place=f"@{record.name}")
     if not key.part:
         return float(record.value)
     if key.part in record.values:
         return float(record.values[key.part])
     if key.kind == "surface":
         raise ConfigError(
-            f"@{record.name} has no value for {key.part}",
+            f"has no value for {key.part}",
+            place=f"@{record.name}",
             fix='learn it: estimator.model = "learned", then ' + Action.CALIBRATE("surface"),
         )
-    raise ConfigError(
-        f"@{record.name} has no value for region {key.part!r}; it has {', '.join(record.values)}"
-    )
+    what = f"has no value for region {key.part!r}; it has {', '.join(record.values)}"
+    raise ConfigError(what, place=f"@{record.name}")
 
 
 def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
@@ -120,9 +121,8 @@ def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
     """
     learnt = record.get("details", {}).get("prior_sds", {})
     if not isinstance(learnt, dict) or not all(isinstance(number, float | int) for number in learnt.values()):
-        raise ConfigError(
-            f"@{record['name']}: details.prior_sds is not a table of numbers", fix="calibrate again"
-        )
+        what = "details.prior_sds is not a table of numbers"
+        raise ConfigError(what, place=f"@{record['name']}", fix="calibrate again")
     uncertainty = record.get("standard_uncertainty")
     values = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
     return {place: value for place, value in values.items() if value is not None}
@@ -220,7 +220,8 @@ def load_horizon(path: Path) -> list[list[float]]:
     pairs = [_pair(path, number, row) for number, row in enumerate(rows[1:], 2)]
     azimuths = [azimuth % 360.0 for azimuth, _ in pairs]
     if not pairs or len(set(azimuths)) < len(azimuths):
-        raise ConfigError(f"{path}: needs at least one row, and every azimuth once (0 and 360 are the same)")
+        what = "needs at least one row, and every azimuth once (0 and 360 are the same)"
+        raise ConfigError(what, place=path)
     return pairs
 
 

@@ -106,10 +106,9 @@ def assignment(key: str, value: Any) -> str:
     try:
         inline.update({key: _plain(value)})
     except ConvertError as error:
-        what = f"{key}: TOML has no form for {value!r}, a {type(value).__name__}"
-        raise ConfigError(
-            what, fix="give a number, text, a time, True or False, or a list of them"
-        ) from error
+        what = f"TOML has no form for {value!r}, a {type(value).__name__}"
+        fix = "give a number, text, a time, True or False, or a list of them"
+        raise ConfigError(what, place=key, fix=fix) from error
     return inline.as_string().removeprefix("{").removesuffix("}").strip()
 
 

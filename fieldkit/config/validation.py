@@ -76,12 +76,14 @@ class ConfigMistakesError(ConfigError):
     """All mistakes of a configuration; `mistakes` holds one line for each."""
 
     def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: Text | None = None) -> None:
-        self.mistakes: tuple[str, ...] = tuple(
-            f"{where}: {mistake.key}: {mistake.message}" for where, mistake in mistakes
-        )
-        count = f"{len(self.mistakes)} mistakes in the configuration"
-        one = len(self.mistakes) == 1
-        super().__init__(self.mistakes[0] if one else "\n  ".join([count, *self.mistakes]), fix=fix)
+        places = [(f"{where}: {mistake.key}", mistake.message) for where, mistake in mistakes]
+        self.mistakes: tuple[str, ...] = tuple(f"{place}: {message}" for place, message in places)
+        if len(places) == 1:
+            ((place, message),) = places
+            super().__init__(message, place=place, fix=fix)
+        else:
+            count = f"{len(places)} mistakes in the configuration"
+            super().__init__("\n  ".join([count, *self.mistakes]), fix=fix)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As text: a worker process passes the error on."""

@@ -10,6 +10,7 @@ from fieldkit.model.errors import ConfigError
 UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 LONGEST_S = 100 * 365.25 * 86_400.0
 """A hundred years: more is a typing error."""
+EXAMPLES = "use 3h, 90m or 45s"
 _UNIT_AFTER = {"m": "s", "h": "m", "d": "h"}
 """The unit of a bare number, by the unit in front of it: ``2h30`` is two hours and thirty minutes."""
 
@@ -21,13 +22,13 @@ def parse_duration(text: str) -> float:
     """
     text = text.replace("min", "m")
     if not re.fullmatch(r"(\d+(\.\d+)?[dhms])+((?<!s)\d+(\.\d+)?)?", text):
-        raise ConfigError(f"{text!r} is not a valid duration; use 3h, 90m or 45s")
+        raise ConfigError("is not a valid duration", place=repr(text), fix=EXAMPLES)
     total, last_unit = 0.0, ""
     for number, unit in re.findall(r"(\d+(?:\.\d+)?)([dhms]?)", text):
         total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
         last_unit = unit
     if total > LONGEST_S:
-        raise ConfigError(f"{text[:20]!r} is longer than a hundred years; use 3h, 90m or 45s")
+        raise ConfigError("is longer than a hundred years", place=repr(text[:20]), fix=EXAMPLES)
     return total
 
 
@@ -42,7 +43,7 @@ def parse_offset(text: str) -> float:
     try:
         return float(f"{sign}1") * parse_duration(size)
     except ConfigError:
-        raise ConfigError(f"{text!r} is not a valid offset; use +12s or -2m") from None
+        raise ConfigError("is not a valid offset", place=repr(text), fix="use +12s or -2m") from None
 
 
 def as_seconds(duration: str | float) -> float:
@@ -50,7 +51,8 @@ def as_seconds(duration: str | float) -> float:
     if isinstance(duration, str):
         return parse_duration(duration)
     if not 0.0 <= duration <= LONGEST_S:
-        raise ConfigError(f"{duration} is not a valid duration; use seconds, or text such as 3h, 90m or 45s")
+        fix = "use seconds, or text such as 3h, 90m or 45s"
+        raise ConfigError("is not a valid duration", place=str(duration), fix=fix)
     return float(duration)
 
 
@@ -76,7 +78,7 @@ def parse_time_of_day(text: str) -> time:
         hour, minute = (int(part) for part in text.split(":"))
         return time(hour, minute)
     except ValueError:
-        raise ConfigError(f"{text!r} is not a valid time of day; use 15:05") from None
+        raise ConfigError("is not a valid time of day", place=repr(text), fix="use 15:05") from None
 
 
 def times_of_day(text: str) -> tuple[time, ...]:
@@ -90,5 +92,6 @@ def times_of_day(text: str) -> tuple[time, ...]:
         return (parse_time_of_day(text),)
     step = timedelta(seconds=parse_duration(text))
     if not step or step % timedelta(minutes=1) or timedelta(days=1) % step:
-        raise ConfigError(f"{text!r} does not divide the day; use 1d, 6h or a time of day such as 09:00")
+        fix = "use 1d, 6h or a time of day such as 09:00"
+        raise ConfigError("does not divide the day", place=repr(text), fix=fix)
     return tuple((datetime.min + step * number).time() for number in range(timedelta(days=1) // step))

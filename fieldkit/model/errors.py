@@ -71,6 +71,11 @@ class FieldkitError(Exception):
         """The problem, with its place, as text."""
         return str(self.explanation)
 
+    @property
+    def line(self) -> Text:
+        """Explanation and fix, for a message that has one line."""
+        return self.explanation + ("; " + self.fix if self.fix else "")
+
     def __str__(self) -> str:
         """Message and fix, so that a traceback or a notebook also shows what to do next."""
         return f"{self.message}\n  fix: {self.fix}" if self.fix else self.message

@@ -8,6 +8,7 @@ from datetime import time as time_of_day
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.marks import Mark, When
+from fieldkit.model.next_step import Argument
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
@@ -28,9 +29,8 @@ def parse_when(text: str, now: datetime) -> When:
             return _last(time_of_day.fromisoformat(text), now).isoformat()
         moment = datetime.fromisoformat(text)
     except ValueError:  # also a `ConfigError`
-        raise ConfigError(
-            f"{text!r} is not a valid time; use -30s, 12:31 or 2026-12-11T12:31+09:00"
-        ) from None
+        fix = "use -30s, 12:31 or 2026-12-11T12:31+09:00"
+        raise ConfigError("is not a valid time", place=repr(text), fix=fix) from None
     return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
 
 
@@ -57,9 +57,10 @@ def reject_impossible(mark: Mark, now: datetime) -> None:
     for end, seconds in zip(ends, after_s, strict=True):
         if abs(seconds) > FAR_S:
             text = f"{seconds:g} s" if isinstance(end, float) else end
-            raise ConfigError(f"{text} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
+            what = f"is more than {FAR_S / YEAR_S:.0f} years from now"
+            raise ConfigError(what, place=text, fix="correct the time")
     if after_s[-1] < after_s[0]:
-        raise ConfigError("the end lies before the start; exchange them")
+        raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange them")
 
 
 def _after_s(when: When, now: datetime) -> float:
@@ -69,6 +70,5 @@ def _after_s(when: When, now: datetime) -> float:
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
     """Raise `ConfigError` for a shade test of a region that there is not."""
     if test is not None and test[0] not in names:
-        raise ConfigError(
-            f"no region is called {test[0]!r}", fix=f"shade-test and one of {', '.join(names) or 'none'}"
-        )
+        fix = f"shade-test and one of {', '.join(names) or 'none'}"
+        raise ConfigError("no region is called so", place=test[0], fix=fix)

@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import NumberedEnum
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -56,14 +57,18 @@ def as_site(site: Site | Sequence[float]) -> Site:
     if isinstance(site, Site):
         return site
     if not 2 <= len(site) <= 3:
-        raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
+        raise _not_a_site(site, "give latitude, longitude and elevation")
     latitude_deg, longitude_deg = site[:2]
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-        raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
+        raise _not_a_site(site, "give latitude first, then longitude, in degrees")
     elevation_m = site[2] if len(site) == 3 else 0.0
     if not ELEVATIONS_M[0] <= elevation_m <= ELEVATIONS_M[1]:
-        raise ConfigError(f"{site!r} is not a site", fix="give the elevation in metres")
+        raise _not_a_site(site, "give the elevation in metres")
     return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
+
+
+def _not_a_site(site: Sequence[float], fix: str) -> ConfigError:
+    return ConfigError(f"{site!r} is not a site", place=Argument("site"), fix=fix)
 
 
 def apart_m(one: Site, other: Site) -> float:
@@ -190,8 +195,8 @@ class Region:
             inner = corners + pixels * mitre
         is_convex = np.sum((np.roll(inner, -1, axis=0) - inner) * along, axis=1) > 0.0  # no edge is reversed
         if not (is_convex.all() and inward.any()):
-            what = f"nothing of region {self.name!r} is {pixels:g} px inside its edge"
-            raise ConfigError(what, fix="shrink it less")
+            what = f"nothing of it is {pixels:g} px inside its edge"
+            raise ConfigError(what, place=self.name, fix="shrink it less")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in inner))
 
 

@@ -18,7 +18,7 @@ from fieldkit.config import Config, edit
 from fieldkit.estimation.region_check import check_region
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.durations import parse_duration, parse_time_of_day
-from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
+from fieldkit.model.errors import FieldkitError, RefusedError
 from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Event, Severity
 from fieldkit.model.site import Region
@@ -183,9 +183,8 @@ class Answers:
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in (present := [alarm.id for alarm in self.hub.latest.alarms]):
-            raise RefusedError(
-                f"there is no alarm {alarm!r}, or it is over", fix=f"present: {', '.join(present) or 'none'}"
-            )
+            fix = f"present: {', '.join(present) or 'none'}"
+            raise RefusedError("there is no such alarm, or it is over", place=repr(alarm), fix=fix)
         return send_to_recorder(self.config.recordings, Acknowledgement(alarm))
 
     async def _by_recorder(self, send: Callable[..., SentRequest], *arguments: Any) -> Done:
@@ -265,7 +264,7 @@ class Answers:
         is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(values).all())
         return values.shape, values + CELSIUS_ZERO_K if is_known else None
 
-    async def _redraw(self, request: requests.Request) -> Done:
+    async def _redraw(self, request: requests.Redrawing) -> Done:
         """Change the campaign's regions, and those of its recording if one runs.
 
         What they lack together, such as a reference, may come with the next change.
@@ -325,7 +324,7 @@ class _Events:
         return self._by_request[request]
 
 
-def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]]:
+def _change(request: requests.Redrawing) -> tuple[str, Callable[[edit.Draft], Any]]:
     """A change of ``fieldkit.toml``, in words and as a function."""
     match request:
         case requests.AddRegion(region=drawn):
@@ -335,8 +334,6 @@ def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]
         case requests.EditRegion(name=name, region=drawn):
             words = f"changed {name}" if name == drawn.name else f"{name} is now {drawn.name}"
             return words, lambda draft: edit.change_region(draft, name, _table(drawn))
-        case _:
-            raise ConfigError(f"{request.do} is not about regions")
 
 
 def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> Mark:

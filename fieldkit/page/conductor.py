@@ -205,12 +205,8 @@ class Conductor:
                 )
                 self._preview.run(None, lambda: self._ending.is_set() or recorder_waits())
         except (ConfigError, DeviceError, RefusedError, StorageError, OSError) as error:
-            words = _words(error) if isinstance(error, FieldkitError) else message_of(error)
+            words = in_words(error.line) if isinstance(error, FieldkitError) else str(error)
             self.hub.become(phase="no-instruments", session=None, problem=words)
             self._ending.wait(TRY_AGAIN_S)
         finally:
             self._preview = None
-
-
-def _words(error: FieldkitError) -> str:
-    return f"{error.message}; {in_words(error.fix)}" if error.fix else error.message

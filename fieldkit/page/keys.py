@@ -112,7 +112,8 @@ def _report_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         fix = f"have a disk with room at {path.parent}, which this user may write"
-        raise StorageError(f"cannot keep the page's keys in {path}: {error.strerror}", fix=fix) from error
+        what = f"cannot keep the page's keys: {error.strerror}"
+        raise StorageError(what, place=path, fix=fix) from error
 
 
 def _parts(grants: _Grants) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:

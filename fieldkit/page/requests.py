@@ -33,7 +33,8 @@ _NOT_TEXT = "has a character that is not text"
 _ID = re.compile(r'"id"\s*:\s*(\d{1,16})\b')
 
 
-_FIXES = {"empty": "fill it in", "too_long": "shorten it", "not_text": "type it anew"}
+_RELOAD = "reload the page: it may be of another version"
+FIXES = {"empty": "fill it in", "too_long": "shorten it", "not_text": "type it anew"}
 """What to do about what a person typed; other mistakes are of a page of another version."""
 
 
@@ -61,9 +62,9 @@ class BadRequestError(FieldkitError):
     """A message that is no request; `id` is its number where it has one."""
 
     def __init__(
-        self, message: str, id: int | None = None, fix: str = "reload the page: it may be of another version"
+        self, problem: str, id: int | None = None, *, place: str = "the message", fix: str = _RELOAD
     ) -> None:
-        super().__init__(message, fix=fix)
+        super().__init__(problem, place=place, fix=fix)
         self.id = id
 
 
@@ -259,6 +260,7 @@ class Link(_Request):
     role: Literal["view", "control"]
 
 
+Redrawing = AddRegion | EditRegion | RemoveRegion
 ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession | SessionSlopes | Marks
 ForControl = (
     EstimateSession
@@ -269,9 +271,7 @@ ForControl = (
     | EditMark
     | Shutter
     | Acknowledge
-    | AddRegion
-    | EditRegion
-    | RemoveRegion
+    | Redrawing
     | Skyline
     | SuggestRegions
     | Link
@@ -287,7 +287,7 @@ _adapter: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 def parse(text: str) -> Request:
     """The request in a message; raises `BadRequestError`."""
     if len(text) > MAX_BYTES:
-        raise BadRequestError(f"a message of {len(text)} characters is too long")
+        raise BadRequestError(f"too long, {len(text)} characters")
     try:
         return _adapter.validate_json(text)
     except ValidationError as error:
@@ -296,10 +296,10 @@ def parse(text: str) -> Request:
 
 def _refusal(error: ValidationError, text: str) -> BadRequestError:
     first = error.errors(include_url=False, include_input=False)[0]
-    where = ".".join(map(str, first["loc"])) or "the message"
+    place = ".".join(map(str, first["loc"])) or "the message"
     number = _ID.search(text)  # also of a message that is not JSON: its browser waits for an answer
     id = int(number[1]) if number else None
     kind, words = first["type"], first["msg"]
     if kind == "json_invalid" and _HALF.search(text):
         kind, words = "not_text", _NOT_TEXT
-    return BadRequestError(f"{where}: {words}", id, *([_FIXES[kind]] if kind in _FIXES else []))
+    return BadRequestError(words, id, place=place, fix=FIXES.get(kind, _RELOAD))

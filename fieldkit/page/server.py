@@ -317,7 +317,7 @@ def _in_words(error: Exception, asked: str) -> FieldkitError:
     if isinstance(error, FieldkitError):
         return error
     log.error("a request failed: %s", asked, exc_info=error)
-    return FieldkitError(f"the page failed: {error!r}", fix="look at its log")
+    return FieldkitError(f"the page failed: {error!r}", place=asked, fix="look at its log")
 
 
 def _text(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:

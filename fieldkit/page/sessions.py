@@ -74,7 +74,7 @@ class PastSessions:
         if is_locked(journal_path(path)):
             raise RefusedError("being recorded", place=path.stem, fix="stop the recording first")
         if not path.exists():
-            raise SessionError(f"only the journal of {path.stem} is left", fix=Action.RECOVER(path))
+            raise SessionError("only its journal is left", place=path.stem, fix=Action.RECOVER(path))
         return path
 
     def rows(self, role: Role) -> list[dict[str, Any]]:
@@ -143,7 +143,8 @@ class PastSessions:
         session = self.sealed_path(identity)
         report = default_path(session)
         if os.path.lexists(report) and not is_regular(report):  # it may lead anywhere
-            raise RefusedError(f"{report} is a link, a folder or a device", fix="delete it, then ask again")
+            what = "is a link, a folder or a device"
+            raise RefusedError(what, place=report, fix="delete it, then ask again")
         making = self._reports.get(session)
         if making is None:
             if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:

@@ -14,7 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from fieldkit.calibration.calibration_record import expiry_warnings
-from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config import Config, NoCampaignError, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import check_instruments, is_connected
 from fieldkit.model.clock import HostClock
@@ -145,7 +145,7 @@ def _configuration(folder: Path) -> Iterator[Finding]:
     try:
         config = load_config(find_campaign(folder))
     except FieldkitError as error:
-        level = "warn" if "no fieldkit.toml" in error.message else "fail"
+        level = "warn" if isinstance(error, NoCampaignError) else "fail"
         yield Finding(level, "configuration", error.message, error.fix or "")
         return
     counted = f"{len(config.devices)} instruments, {len(config.regions)} regions"

@@ -304,7 +304,7 @@ class Session(SessionReader):
         >>> session.take_back("a gust")
         Traceback (most recent call last):
         ...
-        fieldkit.model.errors.ConfigError: the session has no mark 'a gust'
+        fieldkit.model.errors.ConfigError: 'a gust': the session has no such mark
           fix: its marks: none
         """
         from fieldkit.results.marks import correct, withdrawal

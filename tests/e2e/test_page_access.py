@@ -539,22 +539,19 @@ def test_text_that_is_not_text_is_answered(page, do, key, odd):
 
 
 @pytest.mark.parametrize(
-    ("end", "words"),
+    ("key", "value", "example"),
     [
-        ({"duration": "soon"}, "'soon' is not a valid duration; use 3h, 90m or 45s"),
-        ({"duration": "3"}, "is not a valid duration"),
-        ({"duration": "1e5s"}, "is not a valid duration"),
-        ({"duration": "9" * 70 + "h"}, "is longer than a hundred years; use 3h, 90m or 45s"),
-        ({"duration": "--help"}, "is not a valid duration"),
-        ({"until": "25:99"}, "'25:99' is not a valid time of day; use 15:05"),
-        ({"until": "noon"}, "is not a valid time of day"),
+        *(("duration", value, "90m") for value in ("soon", "3", "1e5s", "9" * 70 + "h", "--help")),
+        ("until", "25:99", "15:05"),
+        ("until", "noon", "15:05"),
     ],
 )
-def test_a_wrong_end_of_a_recording_is_answered_in_words(page, end, words):
+def test_a_wrong_end_of_a_recording_is_answered_with_an_example(page, key, value, example):
     with page.browser() as browser:
-        answer = browser.request(do="start", **end)
-    assert (answer["ok"], words in answer["text"]) == (False, True), answer
-    assert "Usage" not in answer["text"]
+        answer = browser.request(do="start", **{key: value})
+    assert not answer["ok"]
+    assert f"'{value[:20]}'" in answer["text"]
+    assert example in answer["text"] + str(answer.get("fix"))
 
 
 def test_a_long_duration_reaches_the_recorder():
@@ -566,7 +563,7 @@ def test_a_long_duration_reaches_the_recorder():
 def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page):
     with page.browser() as browser:
         answer = browser.request(do="acknowledge", alarm="disk")
-    assert (answer["ok"], answer["text"]) == (False, "there is no alarm 'disk', or it is over")
+    assert (answer["ok"], "'disk'" in answer["text"]) == (False, True)
 
 
 def test_a_request_that_fails_in_any_other_way_is_answered(page, monkeypatch, caplog):

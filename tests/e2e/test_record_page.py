@@ -87,5 +87,5 @@ def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path):
     with recording(folder, "--page=203.0.113.1", "--for", "8s") as process:  # RFC 5737: nobody's address
         _, words = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
-    assert "cannot serve on 203.0.113.1:8765" in words
+    assert "203.0.113.1:8765" in words
     lost_nothing(folder, 8)

@@ -77,7 +77,7 @@ def test_what_the_reference_describes_is_documented_to_its_last_member(name):
 
 
 def test_a_misspelt_name_is_suggested():
-    with pytest.raises(AttributeError, match="did you mean 'estimate'"):
+    with pytest.raises(AttributeError, match="'estimate'"):
         _ = fieldkit.estimat
 
 
@@ -101,14 +101,10 @@ def test_a_session_shows_its_name_state_and_streams(session):
     assert all(name in repr(session) and name in session._repr_html_() for name in session.streams)
 
 
-def test_a_stream_that_is_not_there_names_those_that_are(session):
-    with pytest.raises(SessionError, match="'nope'"):
-        session["nope"]
-
-
-def test_a_misspelt_stream_is_suggested(session):
-    with pytest.raises(SessionError, match="did you mean 'camera'"):
-        session["camra"]
+@pytest.mark.parametrize(("name", "suggestion"), [("nope", "camera, lux"), ("camra", "'camera'")])
+def test_a_stream_that_is_not_there_names_those_that_are(session, name, suggestion):
+    with pytest.raises(SessionError, match=f"(?s)'{name}'.*{suggestion}"):
+        session[name]
 
 
 def test_samples_of_a_stream_by_their_place(session):

@@ -81,5 +81,5 @@ def test_doctor_reports_the_other_package(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.syspath_prepend(tmp_path)
     (problem,) = [check for check in doctor(tmp_path) if (check.what, check.level) == ("program", "fail")]
     assert "0.34.1" in problem.text
-    assert "pip uninstall fieldkit" in problem.fix
+    assert "uninstall fieldkit" in problem.fix
     assert DISTRIBUTION in problem.fix

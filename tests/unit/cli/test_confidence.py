@@ -1,24 +1,21 @@
 """``estimator.confidence``: one key, honoured by every output."""
 
-import json
 import re
 
 import h5py
 import pytest
-from click.testing import CliRunner
 from scipy.stats import norm
 
-from fieldkit.cli import main
+from fieldkit.model.errors import ConfigError
+from tests.harness.command_line import document, invoke, succeed
 from tests.harness.seldom import SET_SELDOM
 
 FAST = ("--set", "simulation.speed=max", *SET_SELDOM)
 NINETY = re.compile(r"\b90 ?%|nine times")
 
 
-def fieldkit(*arguments: object) -> str:
-    made = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    assert made.exit_code == 0, made.output
-    return made.output
+def fieldkit(*words: object) -> str:
+    return succeed(*words).output
 
 
 @pytest.fixture(scope="module")
@@ -78,25 +75,19 @@ def test_files_state_the_confidence_of_each_slope(session, tmp_path):
 
 
 def test_intervals_are_as_much_wider_as_those_of_a_normal_distribution(session):
-    def estimated(*settings: str) -> dict:
-        return json.loads(fieldkit("estimate", session, "-j", 1, "--json", *settings))
-
-    wide, narrow = estimated(), estimated("--set", "estimator.confidence=0.90")
-    assert {one["confidence"] for one in wide["slopes"]} == {0.95}
-    assert {one["confidence"] for one in narrow["slopes"]} == {0.90}
-    gains = [document["learnt"]["parameters"][0] for document in (wide, narrow)]
+    estimate = ("estimate", session, "-j", 1)
+    wide, narrow = document(*estimate), document(*estimate, "--set", "estimator.confidence=0.90")
+    gains = [estimates["learnt"]["parameters"][0] for estimates in (wide, narrow)]
     widths = [gain["high"] - gain["low"] for gain in gains]
     assert widths[0] / widths[1] == pytest.approx(norm.ppf(0.975) / norm.ppf(0.95), rel=5e-4)
-    for one, other in zip(wide["slopes"], narrow["slopes"], strict=True):
-        assert one["tilt_region_deg"][0] <= other["tilt_region_deg"][0]
-        assert one["tilt_region_deg"][1] >= other["tilt_region_deg"][1]
-    assert [one["tilt_deg"] for one in wide["slopes"]] == [one["tilt_deg"] for one in narrow["slopes"]]
+    for outer, inner in zip(wide["slopes"], narrow["slopes"], strict=True):
+        assert (outer["confidence"], inner["confidence"]) == (0.95, 0.90)
+        assert outer["tilt_deg"] == inner["tilt_deg"]
+        assert outer["tilt_region_deg"][0] <= inner["tilt_region_deg"][0]
+        assert outer["tilt_region_deg"][1] >= inner["tilt_region_deg"][1]
 
 
 @pytest.mark.parametrize("confidence", ["0.49", "0.995", "90"])
 def test_a_confidence_outside_its_range_is_refused(session, confidence):
-    found = CliRunner().invoke(
-        main, ["estimate", str(session), "--set", f"estimator.confidence={confidence}"]
-    )
-    assert found.exit_code == 3
-    assert "from 0.5 to 0.99" in found.output
+    with pytest.raises(ConfigError, match=r"0\.5 to 0\.99"):
+        invoke("estimate", session, "--set", f"estimator.confidence={confidence}")

@@ -1,12 +1,9 @@
 """``fieldkit estimate table.csv``: golden whole chains, S = 800 W/m2, Table 1, eq. (7), geometric sun."""
 
-import json
-
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli.estimate import command
-from tests.harness.command_line import fieldkit
+from fieldkit.model.errors import ConfigError
+from tests.harness.command_line import document, fieldkit, invoke, succeed
 
 SITE = "35.558675,139.395232,9"
 CASES = {
@@ -32,89 +29,65 @@ def table_of(hour, target, reference, header="time,reference_k,bed_k,irradiance_
 PAPER = ("--set", "estimator.model=paper")
 
 
-@pytest.mark.parametrize("slope", CASES)
-def test_golden_tables_give_their_slope(tmp_path, slope):
+@pytest.fixture
+def path(tmp_path):
+    """A table of the first case."""
     path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]))
+    return path
+
+
+@pytest.mark.parametrize("slope", CASES)
+def test_golden_tables_give_their_slope(path, slope):
     path.write_text(table_of(*CASES[slope]))
-    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--json", *PAPER])
-    assert done.exit_code == 0, done.output
-    (bed,) = json.loads(done.stdout)["slopes"]
+    (bed,) = document("estimate", path, "--site", SITE, *PAPER)["slopes"]
     assert (bed["tilt_deg"], bed["azimuth_deg"]) == pytest.approx(slope, abs=0.005)
     assert bed["tilt_region_deg"][0] < bed["tilt_noise_region_deg"][0] < slope[0]
     assert slope[0] < bed["tilt_noise_region_deg"][1] < bed["tilt_region_deg"][1]
 
 
-def test_the_reference_may_slope(tmp_path):
+def test_the_reference_may_slope(path):
     """Reference and target exchanged: the flat one is found from the tilted one."""
     hour, target, reference = CASES[10.0, 180.0]
-    path = tmp_path / "table.csv"
     path.write_text(table_of(hour, reference, target))
-    done = CliRunner().invoke(
-        command, [str(path), "--site", SITE, "--reference-facet", "10,180", "--json", *PAPER]
-    )
-    assert json.loads(done.stdout)["slopes"][0]["tilt_deg"] == pytest.approx(0.0, abs=0.01)
+    (bed,) = document("estimate", path, "--site", SITE, "--reference-facet", "10,180", *PAPER)["slopes"]
+    assert bed["tilt_deg"] == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_table_without_its_site_is_a_wrong_usage(tmp_path):
-    path = tmp_path / "table.csv"
-    path.write_text(table_of(*CASES[10.0, 180.0]))
-    done = CliRunner().invoke(command, [str(path)])
-    assert done.exit_code == 2
-    assert "--site" in done.output
-
-
-@pytest.mark.parametrize("others", [["b.csv"], ["x.h5"], ["x.h5", "--together"]])
-def test_several_tables_need_together_and_no_sessions_among_them(tmp_path, others):
-    path = tmp_path / "table.csv"
-    path.write_text(table_of(*CASES[10.0, 180.0]))
-    done = CliRunner().invoke(command, [str(path), "--site", SITE, *others])
-    assert done.exit_code == 2
-    assert "--together" in done.output
-
-
-def estimated(path, *arguments):
-    return fieldkit("estimate", path, "--site", SITE, *arguments)
-
-
-def test_decimal_commas_are_refused_instead_of_cut_off(tmp_path):
-    path = tmp_path / "table.csv"
+def test_decimal_commas_are_refused_instead_of_cut_off(path):
     row = "2017-08-30T12:00:00+09:00,1022,0,7,9,16,4\n"
     path.write_text(f"time,irradiance_w_m2,reference_c,b15_c\n{row}")
-    done = estimated(path)
-    assert done.exit_code == 3
-    assert "line 2: " in done.stderr
-    assert "with a point, not a comma" in done.stderr
+    with pytest.raises(ConfigError, match=r"(?s)line 2.*comma"):
+        invoke("estimate", path, "--site", SITE)
 
 
-def test_rows_of_commas_alone_are_blank_however_many(tmp_path):
-    path = tmp_path / "table.csv"
+def test_rows_of_commas_alone_are_blank_however_many(path):
     path.write_text(table_of(*CASES[10.0, 180.0]) + ",,,,\n,,,\n")
-    assert estimated(path).exit_code == 0
+    succeed("estimate", path, "--site", SITE, *PAPER)
 
 
 @pytest.mark.parametrize(
     ("cell", "said"), [("12h", "time '12h'"), ("2017-08-30T18:00+09:00", "bed_k 'warm'")]
 )
-def test_lines_are_counted_as_an_editor_does(tmp_path, cell, said):
-    path = tmp_path / "table.csv"
+def test_lines_are_counted_as_an_editor_does(path, cell, said):
     path.write_text(table_of(*CASES[10.0, 180.0]) + f"\n{cell},320,warm,800\n")
-    done = estimated(path)
-    assert done.exit_code == 3
-    assert f"line 7: {said}" in done.stderr
+    with pytest.raises(ConfigError, match=f"line 7: {said}"):
+        invoke("estimate", path, "--site", SITE)
 
 
-def test_the_slopes_of_a_table_are_not_promised_in_a_file(tmp_path):
-    path = tmp_path / "table.csv"
-    path.write_text(table_of(*CASES[10.0, 180.0]))
-    done = estimated(path, "-o", tmp_path / "out")
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ((), "--site"),
+        (("--site", SITE, "b.csv"), "--together"),
+        (("--site", SITE, "x.h5"), "--together"),
+        (("--site", SITE, "x.h5", "--together"), "--together"),
+        (("--site", SITE, "-o", "out"), "--json > FILE"),  # the slopes of a table go into no file
+        (("--site", SITE, "--campaign"), "--campaign"),
+        (("--site", SITE, "-j", 2), "workers"),
+    ],
+)
+def test_what_a_table_does_not_take_is_wrong_usage(path, words, option):
+    done = fieldkit("estimate", path, *words)
     assert done.exit_code == 2
-    assert "--json > FILE" in done.stderr
-
-
-@pytest.mark.parametrize("option", [("--campaign",), ("-j", 2), ("-o", "results")])
-def test_options_for_sessions_are_refused_with_a_table(tmp_path, option):
-    path = tmp_path / "table.csv"
-    path.write_text(table_of(*CASES[10.0, 180.0]))
-    done = estimated(path, *option)
-    assert done.exit_code == 2
-    assert "for sessions" in done.stderr
+    assert option in done.stderr

@@ -38,6 +38,7 @@ def run(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("error", "code"),
     [
+        (errors.FieldkitError("x"), 1),
         (errors.ConfigError("x"), 3),
         (errors.SessionError("x"), 3),
         (errors.DeviceNotFoundError("x"), 4),
@@ -47,6 +48,7 @@ def run(monkeypatch, tmp_path):
         (errors.StorageError("x"), 6),
         (errors.IntegrityError("x"), 7),
         (errors.NoAnswerError("x"), 8),
+        (errors.CalibrationError("x"), 8),
         (errors.RefusedError("x"), 9),
         (click.UsageError("x"), 2),
         (KeyboardInterrupt(), 130),
@@ -59,26 +61,25 @@ def test_each_failure_has_its_exit_code(run, error, code):
 
 
 def test_an_error_says_what_happened_and_what_to_do(run):
-    result = run(errors.DeviceAccessError("no permission for /dev/x", fix="first line\nsecond line"))
+    result = run(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"))
     assert result.stdout == ""
-    assert result.stderr == "error: no permission for /dev/x\n  fix: first line\n       second line\n"
+    assert result.stderr.splitlines() == ["error: /dev/x: refused", "  fix: first", "       second"]
 
 
 def test_with_json_an_error_is_one_line_of_it(run):
-    result = run(
-        errors.DeviceAccessError("no permission for /dev/x", fix="first line\nsecond line"), "--json"
-    )
+    result = run(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"), "--json")
     assert result.stdout == ""
     assert result.stderr.count("\n") == 1
     assert json.loads(result.stderr) == {
-        "schema": 1, "error": "no permission for /dev/x", "fix": "first line\nsecond line", "exit_code": 4,
+        "schema": 1, "error": "/dev/x: refused", "fix": "first\nsecond", "exit_code": 4,
     }  # fmt: skip
 
 
 def test_with_json_an_unexpected_error_names_its_log(run, tmp_path):
-    document = json.loads(run(RuntimeError("the unthinkable"), "--json").stderr)
+    document = json.loads(run(RuntimeError("unthinkable"), "--json").stderr)
     (log,) = (tmp_path / "fieldkit" / "log").glob("*-fail.log")
-    assert document["error"] == "fail failed unexpectedly: RuntimeError: the unthinkable"
+    assert document["error"].startswith("fail: ")
+    assert document["error"].endswith("RuntimeError: unthinkable")
     assert document["fix"].endswith(str(log))
     assert document["exit_code"] == 1
 
@@ -90,7 +91,7 @@ def test_with_json_an_unexpected_error_names_its_log(run, tmp_path):
 def test_what_a_disk_refuses_is_not_called_a_bug(run, tmp_path, number):
     result = run(OSError(number, os.strerror(number), "/media/stick/x.h5"))
     assert result.exit_code == 6
-    assert result.stderr.startswith(f"error: cannot use /media/stick/x.h5: {os.strerror(number)}\n  fix: ")
+    assert result.stderr.startswith(f"error: /media/stick/x.h5: {os.strerror(number)}\n  fix: ")
     assert not (tmp_path / "fieldkit").exists()
 
 

@@ -10,6 +10,8 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.cli import main
 from fieldkit.drivers import discovery
 from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.model.errors import DeviceError
+from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.connected import plugged_in
 from tests.harness.plugins import install
 
@@ -17,25 +19,18 @@ LUX = "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"
 SMP = "01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8"
 
 
-def run(*words, **more):
-    return CliRunner().invoke(main, list(words), **more)
-
-
-def decoded(*words, **more):
-    answer = run("decode", *words, "--json", **more)
-    assert answer.exit_code == 0, answer.output
-    return json.loads(answer.stdout)
+def decoded(*words):
+    return document("decode", *words)
 
 
 def test_a_recording_without_its_instruments_must_be_wanted(tmp_path):
     site = "latitude_deg = 35.6\nlongitude_deg = 139.4\nelevation_m = 9.0\n"
     meter = '[lux]\ndriver = "lutron"\nport = "/dev/no-such-port"\n'
     (tmp_path / "fieldkit.toml").write_text(f"schema = 1\n[site]\n{site}{meter}")
-    words = ("record", "-C", str(tmp_path), "--for", "1s")
-    refused = run(*words)
-    assert refused.exit_code == 4
-    assert "/dev/no-such-port" in refused.stderr
-    assert run(*words, "--allow-missing").exit_code == 0
+    words = ("record", "-C", tmp_path, "--for", "1s")
+    with pytest.raises(DeviceError, match="/dev/no-such-port"):
+        invoke(*words)
+    succeed(*words, "--allow-missing")
 
 
 def test_decode_has_the_promised_form():
@@ -61,25 +56,28 @@ def test_hexadecimal_may_be_longer_than_a_file_name_may_be(records):
 def test_no_value_is_null_with_its_flag():
     frame = "02 80 06 00 00 00 00 00 EF" + " 00" * 30 + " 0E 00 00 00 00 03"
     readings = decoded("center-309", frame)["readings"]
-    assert [one["value"] for one in readings] == [23.9, None, None, None]
+    assert [reading["value"] for reading in readings] == [23.9, None, None, None]
     assert readings[1]["flags"] == ["no_value", "overload"]
 
 
 def test_rejected_bytes_have_a_reason_and_a_place():
     found = decoded("lutron", "FF FF " + LUX)
-    assert found["rejected"] == [{"offset": 0, "length": 2, "reason": "does not begin with 02"}]
+    (rejected,) = found["rejected"]
+    assert rejected.pop("reason").endswith("02")
+    assert rejected == {"offset": 0, "length": 2}
 
 
 def test_file_and_standard_input_are_read(tmp_path):
     path = tmp_path / "bytes.bin"
     path.write_bytes(bytes.fromhex(LUX) * 3)
     assert len(decoded("lutron", str(path))["readings"]) == 3
-    assert len(decoded("lutron", "-", input=bytes.fromhex(LUX))["readings"]) == 1
+    piped = CliRunner().invoke(main, ["decode", "lutron", "-", "--json"], input=bytes.fromhex(LUX))
+    assert len(json.loads(piped.stdout)["readings"]) == 1
 
 
 def test_modbus_without_a_map_gives_raw_registers():
     raw = decoded("modbus", SMP)["readings"]
-    assert [one["value"] for one in raw] == [1, 1, 1, 8437, 8391, 3, 313, 121]
+    assert [reading["value"] for reading in raw] == [1, 1, 1, 8437, 8391, 3, 313, 121]
     mapped = decoded("modbus", "--map", "kipp-smp", SMP)["readings"]
     assert mapped[0]["value"] == pytest.approx(843.7)
     assert "void_data" in mapped[0]["flags"]
@@ -87,7 +85,7 @@ def test_modbus_without_a_map_gives_raw_registers():
 
 def test_sentences_may_be_typed_as_they_are():
     sentence = "$GPGGA,021530.00,3541.3668,N,13945.3012,E,2,11,0.86,38.4,M,39.5,M,,0000*66"
-    readings = {one["channel"]: one["value"] for one in decoded("nmea", sentence)["readings"]}
+    readings = {reading["channel"]: reading["value"] for reading in decoded("nmea", sentence)["readings"]}
     assert (readings["altitude"], readings["fix"], readings["satellites"]) == (38.4, 2, 11)
     assert readings["latitude"] == pytest.approx(35.689447, abs=1e-6)
 
@@ -96,10 +94,9 @@ def test_pictures_are_summed_up_in_kelvin(tmp_path):
     path = tmp_path / "frame.raw"
     path.write_bytes(b"\x20\x80" * (256 * 192) + (18890).to_bytes(2, "little") * (256 * 192))
     readings = decoded("p2pro", str(path))["readings"]
-    assert [one["channel"] for one in readings] == ["minimum", "mean", "maximum"]
-    assert readings[1]["value"] == pytest.approx(18890 / 64)
-    assert readings[1]["unit"] == "K"
-    assert "295.15625 K (22.01 °C)" in run("decode", "p2pro", str(path)).stdout
+    assert [reading["channel"] for reading in readings] == ["minimum", "mean", "maximum"]
+    assert (readings[1]["value"], readings[1]["unit"]) == (pytest.approx(18890 / 64), "K")
+    assert "295.15625 K (22.01 °C)" in succeed("decode", "p2pro", path).stdout
 
 
 def test_options_of_the_driver_can_be_given():
@@ -112,15 +109,15 @@ def test_options_of_the_driver_can_be_given():
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (("lutron", "02 3"), 3, "neither a file nor hexadecimal"),
-        (("lutron", "hello"), 3, "neither a file nor hexadecimal"),
-        (("lutrn", "02"), 3, "did you mean lutron?"),
+        (("lutron", "02 3"), 3, "'02 3': "),
+        (("lutron", "hello"), 3, "'hello': "),
+        (("lutrn", "02"), 3, "lutron?"),
         (("modbus", "01", "--map", "nothing"), 3, "nothing: "),
-        (("lutron", "02", "--option", "x"), 2, "is not KEY=VALUE"),
+        (("lutron", "02", "--option", "x"), 2, "'x': "),
     ],
 )
 def test_mistakes_are_explained(words, code, message):
-    answer = run("decode", *words)
+    answer = fieldkit("decode", *words)
     assert answer.exit_code == code
     assert message in answer.stderr
 
@@ -133,27 +130,31 @@ def plugged(monkeypatch):
 
 
 def test_devices_lists_everything_with_its_identity(plugged):
-    found = json.loads(run("devices", "--json").stdout)
-    by_identity = {one["identity"]: one for one in found["devices"]}
+    by_identity = {device["identity"]: device for device in document("devices")["devices"]}
     assert by_identity["10c4:ea60:A7"]["port"] == "/dev/ttyUSB0"
     assert {"lutron", "center-309", "pce-174", "modbus"} <= set(by_identity["10c4:ea60:A7"]["drivers"])
     assert by_identity["0408:5362"]["drivers"] == []
-    assert "10c4:ea60:A7" in run("devices").stdout
+    assert "10c4:ea60:A7" in succeed("devices").stdout
 
 
 def test_devices_tells_of_a_driver_that_cannot_be_loaded(tmp_path, monkeypatch):
     install(tmp_path, "broken-meter", "broken", "no_such_module:Driver")
     monkeypatch.syspath_prepend(tmp_path)
-    assert "broken: " in run("devices").stderr
+    assert "broken: " in succeed("devices").stderr
+
+
+def doctor(folder, *, code=None):
+    """The checks by what they are of."""
+    done = fieldkit("doctor", "--json", "-C", folder)
+    assert code in (None, done.exit_code)
+    return {check["what"]: check for check in json.loads(done.stdout)["checks"]}
 
 
 def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):
     # root may open every node
     monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)
     monkeypatch.setattr(discovery.os, "access", lambda path, mode: "tty" not in str(path))
-    answer = run("doctor", "--json", "-C", str(tmp_path))
-    checks = {one["what"]: one for one in json.loads(answer.stdout)["checks"]}
-    assert answer.exit_code == 4
+    checks = doctor(tmp_path, code=DeviceError.exit_code)
     assert checks["/dev/ttyUSB0 (CP2102)"]["level"] == "fail"
     assert "usermod -aG dialout" in checks["/dev/ttyUSB0 (CP2102)"]["fix"]
     assert checks["/dev/video0 (Webcam)"]["level"] == "ok"
@@ -161,17 +162,14 @@ def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tm
 
 
 def test_doctor_knows_the_campaign(tmp_path):
-    assert run("init", str(tmp_path / "hill"), "--simulated").exit_code == 0
-    folder = str(tmp_path / "hill")
-    checks = json.loads(run("doctor", "--json", "-C", folder).stdout)["checks"]
-    assert next(one for one in checks if one["what"] == "configuration")["level"] == "ok"
+    succeed("init", tmp_path / "hill", "--simulated")
+    assert doctor(tmp_path / "hill")["configuration"]["level"] == "ok"
 
 
 def configuration_checks(folder, text):
     folder.mkdir(exist_ok=True)
     (folder / "fieldkit.toml").write_text("[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n" + text)
-    checks = json.loads(run("doctor", "--json", "-C", str(folder)).stdout)["checks"]
-    return {one["what"]: one for one in checks}
+    return doctor(folder)
 
 
 def test_doctor_warns_of_a_campaign_without_instruments(tmp_path):
@@ -184,7 +182,7 @@ def test_doctor_tells_a_wrong_driver_beside_the_other_mistakes(tmp_path):
     text = '\n[lux]\ndriver = "lutrn"\n[record]\nevery_s = -1\n'
     found = configuration_checks(tmp_path / "hill", text)["configuration"]
     assert found["level"] == "fail"
-    assert "did you mean lutron?" in found["text"]
+    assert "lutron?" in found["text"]
     assert "record.every_s" in found["text"]
 
 
@@ -192,7 +190,8 @@ def test_doctor_misses_a_port_of_the_campaign(tmp_path):
     lux = '\n[lux]\ndriver = "lutron"\nport = "/dev/ttyUSB-none"\noptions.range_max_lx = 4e5\n'
     thermometer = f'[thermometer]\ndriver = "center-309"\nport = "{tmp_path}"\n'
     found = configuration_checks(tmp_path / "hill", lux + thermometer)
-    assert (found["lux"]["level"], found["lux"]["text"]) == ("fail", "there is no /dev/ttyUSB-none")
+    assert found["lux"]["level"] == "fail"
+    assert "/dev/ttyUSB-none" in found["lux"]["text"]
     assert "thermometer" not in found
 
 
@@ -205,27 +204,26 @@ def test_doctor_doubts_an_old_calibration(tmp_path):
     text = '\n[surface]\nemissivity = "@sand"\n[irradiance]\nmodel = "calibrated"\nfactor = "@roof"\n'
     checks = configuration_checks(tmp_path / "hill", text)
     assert checks["surface.emissivity"]["level"] == "warn"
-    assert "was valid until 2021-01-01" in checks["surface.emissivity"]["text"]
-    assert checks["surface.emissivity"]["fix"] == "fieldkit calibrate emissivity"
+    assert "2021-01-01" in checks["surface.emissivity"]["text"]
+    assert checks["surface.emissivity"]["fix"].endswith("calibrate emissivity")
     assert checks["irradiance.factor"]["level"] == "ok"
 
 
 def test_doctor_misses_an_instrument_of_the_campaign_and_names_the_others(plugged, tmp_path):
-    assert run("init", str(tmp_path / "hill")).exit_code == 0
+    succeed("init", tmp_path / "hill")
     as_text = tmp_path / "hill/fieldkit.toml"
     with as_text.open("a") as config:
         config.write('\n[lux]\ndriver = "lutron"\nidentity = "0403:6001:GONE"\n')
         config.write('\n[thermometer]\ndriver = "center-309"\nidentity = "10c4:ea60"\n')
-    checks = json.loads(run("doctor", "--json", "-C", str(tmp_path / "hill")).stdout)["checks"]
-    levels = {(one["what"], one["level"]) for one in checks}
-    assert ("lux", "fail") in levels
-    assert ("thermometer", "ok") in levels
-    printed = run("doctor", "--udev", "-C", str(tmp_path / "hill")).stdout
+    done = fieldkit("doctor", "--json", "-C", tmp_path / "hill")
+    levels = {(check["what"], check["level"]) for check in json.loads(done.stdout)["checks"]}
+    assert levels >= {("lux", "fail"), ("thermometer", "ok")}
+    printed = succeed("doctor", "--udev", "-C", tmp_path / "hill").stdout
     assert 'ATTRS{serial}=="GONE", SYMLINK+="fieldkit/lux"' in printed
 
 
 def test_udev_rules_are_printed_whole():
-    printed = run("doctor", "--udev").stdout
+    printed = succeed("doctor", "--udev").stdout
     assert 'LABEL="fieldkit_end"' in printed
     assert 'ATTR{idVendor}=="1e4e", ATTR{idProduct}=="0100"' in printed
 
@@ -242,18 +240,16 @@ class Failing(Lutron):
 
 
 def test_selftest_passes_our_drivers_and_exits_accordingly(tmp_path, monkeypatch):
-    answer = run("selftest", "lutron", "--json")
-    assert answer.exit_code == 0
-    assert json.loads(answer.stdout)["passed"] is True
+    assert document("selftest", "lutron")["passed"] is True
     install(tmp_path, "failing-meter", "failing", "failing_meter:Failing")
     (tmp_path / "failing_meter.py").write_text(FAILING)
     monkeypatch.syspath_prepend(tmp_path)
-    answer = run("selftest", "failing")
+    answer = fieldkit("selftest", "failing")
     assert answer.exit_code == 4
     assert "ZeroDivisionError" in answer.stdout
 
 
 def test_selftest_of_an_instrument_that_is_not_there_names_it():
-    answer = run("selftest", "lutron", "--identity", "10c4:ea60:0001")
+    answer = fieldkit("selftest", "lutron", "--identity", "10c4:ea60:0001")
     assert answer.exit_code == 4
     assert "10c4:ea60:0001" in answer.stdout

@@ -1,6 +1,9 @@
 """Next steps are data: `str` writes what Python has, the command line what its commands have."""
 
+import ast
 import importlib
+import inspect
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +13,18 @@ import pytest
 import fieldkit
 from fieldkit.cli import main
 from fieldkit.cli.next_steps import COMMANDS, RUNNING, in_commands
-from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action, Argument
 
+ROOT = Path(__file__).parents[3]
+ROOMS = ("fieldkit", "drivers", "sessions", "calibration")
 
-@pytest.mark.parametrize("action", Action)
-def test_every_action_is_a_call_that_exists(action):
+
+def call_of(action: Action) -> Any:
     home, *names = action.value.partition("(")[0].split(".")
     thing = fieldkit.Campaign if home == "campaign" else importlib.import_module(home)
     for name in names:
         thing = fieldkit.Campaign if name == "open_campaign()" else member(thing, name)
-    assert thing is not None
+    return thing
 
 
 def member(thing: Any, name: str) -> Any:
@@ -29,53 +33,100 @@ def member(thing: Any, name: str) -> Any:
     )
 
 
+def command_of(action: Action) -> click.Command:
+    command: click.Command = main
+    for word in COMMANDS[action].split():
+        if isinstance(command, click.Group):
+            subcommand = command.get_command(click.Context(main), word)
+            assert subcommand is not None
+            command = subcommand
+    return command
+
+
+@pytest.mark.parametrize("action", Action)
+def test_every_action_is_a_call_that_exists(action):
+    assert call_of(action) is not None
+
+
 @pytest.mark.parametrize("action", Action)
 def test_every_action_is_a_command_with_options_that_exist(action):
-    context = click.Context(main)
-    command: click.Command | None = main
-    for word in COMMANDS[action].partition(" |")[0].split():
-        if isinstance(command, click.Group):
-            command = command.get_command(context, word)
-        elif command is not None and word.startswith("--"):
-            assert word in {name for option in command.params for name in option.opts}
-    assert command is not main
-    assert command is not None
+    options = {name for option in command_of(action).params for name in option.opts}
+    assert options >= {word for word in COMMANDS[action].partition(" |")[0].split() if word.startswith("--")}
+
+
+def arguments_used() -> Iterator[tuple[str, str | None]]:
+    """Every name that the product gives to an `Argument`, and to an action with the action's name."""
+    for file in (file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            match node:
+                case ast.Call(ast.Name("Argument"), [ast.Constant(name), *_]):
+                    yield name, None
+                case ast.Call(ast.Attribute(ast.Name("Action"), action), _, keywords):
+                    yield from ((str(keyword.arg), action) for keyword in keywords)
+
+
+def commands_of(group: click.Group) -> Iterator[click.Command]:
+    for name in group.list_commands(click.Context(group)):
+        command = group.get_command(click.Context(group), name)
+        assert command is not None
+        yield from [command, *(commands_of(command) if isinstance(command, click.Group) else ())]
+
+
+def parameters_in_python() -> set[str]:
+    """The parameters of the public functions and classes, and of the methods of these classes."""
+    public = [getattr(fieldkit, name) for name in fieldkit.__all__]
+    methods = [method for thing in public for _, method in inspect.getmembers(thing, inspect.isfunction)]
+    return {
+        name
+        for thing in (*public, *methods)
+        if callable(thing)
+        for name in inspect.signature(thing).parameters
+    }
+
+
+def test_every_argument_of_a_text_exists_as_an_option_or_in_python():
+    options = {option.name for command in commands_of(main) for option in command.params}
+    arguments = list(arguments_used())
+    assert len(arguments) > 50  # the product's sources are found
+    assert {name for name, _ in arguments} <= options | parameters_in_python()
+
+
+def test_every_argument_of_an_action_is_one_of_its_call_and_an_option_of_its_command():
+    for name, action in arguments_used():
+        if action is not None:
+            assert name in inspect.signature(call_of(Action[action])).parameters, (action, name)
+            assert name in {option.name for option in command_of(Action[action]).params}, (action, name)
 
 
 @pytest.mark.parametrize(
-    ("text", "python", "typed"),
+    ("command", "text", "python", "typed"),
     [
-        (Action.CHECK(Path("/a/my b.h5")), "fieldkit.check('/a/my b.h5')", "fieldkit check '/a/my b.h5'"),
-        (Action.STOP() + " ends it", "fieldkit.stop() ends it", "fieldkit stop ends it"),
         (
+            "import",
+            Action.CHECK(Path("/a/b c.h5")),
+            "fieldkit.check('/a/b c.h5')",
+            "fieldkit check '/a/b c.h5'",
+        ),
+        ("import", Action.STOP() + " ends it", "fieldkit.stop() ends it", "fieldkit stop ends it"),
+        (
+            "import",
             Action.ESTIMATE(present=True),
             "fieldkit.estimate(session, present=True)",
             "fieldkit estimate --campaign",
         ),
-        ("omit " + Argument("zone"), "omit zone", "omit --zone"),
-        (Argument("zone", "Asia/Tokyo"), "zone='Asia/Tokyo'", "--zone Asia/Tokyo"),
-        (Argument("name", "logger"), "name='logger'", "--as logger"),
-        (Argument("offset_s", 12.0), "offset_s=12.0", "--clock-offset 12.0"),
-    ],
-)
-def test_a_text_has_the_form_of_the_place_where_it_is_read(text, python, typed):
-    with click.Context(main) as context:
-        context.meta[RUNNING] = main.get_command(context, "import")
-        assert (str(text), in_commands(text)) == (python, typed)
-
-
-def test_an_error_has_its_place_and_next_step_as_data():
-    error = ConfigError("holds counts", place=Path("a.tiff"), fix="omit " + Argument("unit"))
-    assert error.fix == "omit " + Argument("unit")
-    assert str(error) == "a.tiff: holds counts\n  fix: omit unit"
-
-
-def test_a_setting_has_the_form_of_the_place_where_it_is_read():
-    setting = Argument("settings", {"site.body": "moon"})
-    assert str(setting) == "settings={'site.body': 'moon'}"
-    with click.Context(main) as context:
-        context.meta[RUNNING] = main.get_command(context, "estimate")
-        assert (str(setting), in_commands(setting)) == (
+        ("import", "omit " + Argument("zone"), "omit zone", "omit --zone"),
+        ("import", Argument("zone", "Asia/Tokyo"), "zone='Asia/Tokyo'", "--zone Asia/Tokyo"),
+        ("import", Argument("name", "logger"), "name='logger'", "--as logger"),
+        ("import", Argument("offset_s", 12.0), "offset_s=12.0", "--clock-offset 12.0"),
+        (
+            "estimate",
+            Argument("settings", {"site.body": "moon"}),
             "settings={'site.body': 'moon'}",
             "--set site.body=moon",
-        )
+        ),
+    ],
+)
+def test_a_text_has_the_form_of_the_place_where_it_is_read(command, text, python, typed):
+    with click.Context(main) as context:
+        context.meta[RUNNING] = main.get_command(context, command)
+        assert (str(text), in_commands(text)) == (python, typed)

@@ -1,5 +1,6 @@
 """Where the output of a command goes: a pipe that closes, a full disk, a terminal with few letters."""
 
+import errno
 import json
 import os
 import subprocess
@@ -10,19 +11,9 @@ import pytest
 import fieldkit
 from fieldkit.sessions.reader import open_session
 
-SUN = ["sun", "--site", "35.56,139.4,9", "--at", "2026-12-11T12:00+09:00"]
-PLAN = [
-    "plan",
-    "--for",
-    "20m",
-    "--as-planned",
-    "--site",
-    "35.56,139.4,9",
-    "--on",
-    "2026-12-11",
-    "--facet",
-    "5,180",
-]
+PLACE = ["--site", "35.56,139.4,9"]
+SUN = ["sun", *PLACE, "--at", "2026-12-11T12:00+09:00"]
+PLAN = ["plan", "--for", "20m", "--as-planned", *PLACE, "--on", "2026-12-11", "--facet", "5,180"]
 
 
 def started(words, **given):
@@ -45,8 +36,8 @@ def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
         process = started(words, stdout=full)
         said = process.communicate(timeout=60)[1].decode()
     assert process.returncode == 6
-    assert "the output cannot be written: No space left on device" in said
-    assert "bug in fieldkit" not in said
+    assert os.strerror(errno.ENOSPC) in said
+    assert "bug" not in said
 
 
 def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypatch):

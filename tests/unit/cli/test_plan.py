@@ -14,7 +14,7 @@ from pvlib import solarposition
 
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.recording import plan as planning
 from fieldkit.recording.experiments import Experiment
@@ -30,17 +30,12 @@ def one_prediction(monkeypatch):
     """The day's table in no time: predictions are run in tests/unit/recording/test_experiments.py."""
 
     def two(runs, workers, on_run):
-        facets = len(runs[0].session.facets)
-        halves = (1.96, *(4.0,) * (facets - 1))
+        session, facets = runs[0].session, len(runs[0].session.facets)
         for _ in runs:
             on_run()
-        planned = Experiment(
-            "as planned", runs[0].session.minutes, halves, (False,) * facets, (False,) * facets
-        )
-        return (
-            planned,
-            replace(planned, name="with air temperature logged", half_region_deg=(1.0,) * facets),
-        )
+        halves, no = (1.96, *(4.0,) * (facets - 1)), (False,) * facets
+        planned = Experiment("as planned", session.minutes, halves, no, no)
+        return planned, replace(planned, name="with air logged", half_region_deg=(1.0,) * facets)
 
     monkeypatch.setattr(planning, "predict_runs", two)
 
@@ -50,6 +45,7 @@ def run(*words: str):
 
 
 def document(*words: str) -> dict:
+    """The plan; a --site in its words replaces the paper's."""
     return json.loads(run(*words, "--json").stdout)
 
 
@@ -70,9 +66,10 @@ def test_winter_day_of_sand_slopes():
         # the plan expects warmer sand than 295 K, which makes a kelvin worth 2 % more light
         assert [bed["kelvin_per_degree"] for bed in beds] == pytest.approx(kelvin, rel=0.04)
     assert at(plan, "11:30")["verdict"] == "usable"
-    assert at(plan, "08:00")["verdict"] == "fair: low sun, long shadows"
+    assert at(plan, "08:00")["verdict"].startswith("fair")
     # the sun sinks from 9 to 4 degrees in the half hour after
-    assert at(plan, "15:30")["verdict"] == "poor: the sun is too low within 20 min"
+    assert at(plan, "15:30")["verdict"].startswith("poor")
+    assert at(plan, "15:30")["verdict"].endswith("20 min")
     assert at(plan, "16:00")["verdict"].startswith("poor")
 
 
@@ -87,7 +84,7 @@ def test_noise_widens_and_cold_air_sharpens():
 def test_sun_of_the_winter_day_in_one_line():
     # sunrise and sunset with refraction and half the sun's width, as almanacs count them
     line = run(*WINTER).stdout.splitlines()[0]
-    assert "sun up 06:42–16:29, noon 11:35, el 31.5°" in line
+    assert re.search(r"06:42–16:29, noon 11:35, .*31\.5°", line)
     assert "UTC+09:00" in line
 
 
@@ -95,22 +92,22 @@ def test_sun_of_the_winter_day_in_one_line():
     ("place", "zone", "day", "told"),
     [
         # Tokyo on clocks of Greenwich: the same sunrise and sunset, nine hours less
-        ("35.558675,139.395232,9", "UTC", "2026-12-11", "sun up 21:42–07:29, noon 02:35"),
+        ("35.558675,139.395232,9", "UTC", "2026-12-11", "21:42–07:29, noon 02:35"),
         # in Fairbanks the sun of midsummer sets after midnight; it is up for all but two hours
-        ("64.8378,-147.7164", "America/Anchorage", "2026-06-21", "sun up 02:58–00:47, noon 13:53"),
-        ("78.2,15.6", "Arctic/Longyearbyen", "2026-06-21", "sun up all day, noon 12:59"),
+        ("64.8378,-147.7164", "America/Anchorage", "2026-06-21", "02:58–00:47, noon 13:53"),
+        ("78.2,15.6", "Arctic/Longyearbyen", "2026-06-21", "all day, noon 12:59"),
     ],
 )
 def test_a_day_is_not_cut_where_clocks_show_midnight_in_sunlight(place, zone, day, told):
     words = ["--site", place, "--zone", zone, "--on", day, "--facet", "10,180"]
-    lines = CliRunner().invoke(command, words, catch_exceptions=False).stdout.splitlines()
+    lines = run(*words).stdout.splitlines()
     assert told in lines[0]
     assert "°" in lines[1]
 
 
 def test_august_says_the_steep_bed_is_weak_after_two():
     plan = document(*AUGUST)
-    assert any("20°/180° region is weak" in line and "after 14:00" in line for line in plan["warnings"])
+    assert any("20°/180°" in line and "after 14:00" in line for line in plan["warnings"])
     assert "weak for 20°/180°" in at(plan, "14:30")["verdict"]
     assert at(plan, "11:30")["verdict"] == "usable"
 
@@ -210,29 +207,20 @@ def test_page_without_matplotlib_says_what_to_install(tmp_path):
 
 
 def test_polar_night_has_no_plan():
-    from fieldkit.model.errors import NoAnswerError
-
-    with pytest.raises(NoAnswerError, match="does not rise"):
+    with pytest.raises(NoAnswerError, match="rise"):
         run("--site", "78.2,15.6", "--on", "2026-12-21", "--facet", "10,180")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["--window", "2m"],
-        ["--window", "3m30s"],
-        ["--step", "0"],
-        ["--zone", "Mars/Jezero"],
-        ["--dni", "-1"],
-        ["--on", "2500-01-01"],
-        ["--air-c", "-300"],
-        ["--dni", "8000"],
-    ],
+IMPOSSIBLE = (
+    "--window=2m --window=3m30s --step=0 --zone=Mars/Jezero --dni=-1 --dni=8000 --on=2500-01-01 --air-c=-300"
 )
-def test_impossible_numbers_are_refused(words):
-    done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
+
+
+@pytest.mark.parametrize("option", IMPOSSIBLE.split())
+def test_impossible_numbers_are_refused(option):
+    done = run(*AUGUST, option)
     assert done.exit_code == 2
-    assert words[0] in done.stderr
+    assert option.partition("=")[0] in done.stderr
 
 
 def test_the_suns_azimuth_over_the_day_is_nrels():
@@ -249,7 +237,7 @@ def test_the_session_leads_and_noise_alone_is_a_footnote(tmp_path):
     assert lines[1].startswith("after 45 min (")
     # 90 % regions: 10 degrees within 1.96 is wider than 3 degrees, 20 within 4 than a fifth
     assert lines[1].endswith("tilt ±2.0°  ±4.0° (90 %): uncertain for 10°/180°, 20°/180°")
-    assert lines[2] == "narrowed most with air temperature logged (45 min): ±1.0°  ±1.0°"
+    assert lines[2].endswith("with air logged (45 min): ±1.0°  ±1.0°")
     assert [line for line in lines if line.startswith("noise alone")]
     assert "±4.0°" in page.read_text(encoding="utf-8")
     found = document(*AUGUST)
@@ -261,7 +249,7 @@ def test_a_day_without_a_usable_window_has_no_session():
     # the sun reaches 3 degrees at noon: below the plan's limit of 8
     found = document("--site", "63.4,10.4", "--on", "2026-12-21", "--facet", "15,180")
     assert found["experiments"] is None
-    assert any("nothing can be measured" in line for line in found["warnings"])
+    assert any("measured" in line for line in found["warnings"])
 
 
 def test_a_slope_that_the_sun_never_reaches_hides_no_window():
@@ -270,7 +258,7 @@ def test_a_slope_that_the_sun_never_reaches_hides_no_window():
     alone, beside = document(*words), document(*words, "--facet", "30,0")
     assert beside["best_window_start"] == alone["best_window_start"] == "2026-12-21T12:00:00+01:00"
     assert len(beside["experiments"]) == 2
-    assert any("30°/0° region is weak all day" in line for line in beside["warnings"])
+    assert any("30°/0°" in line and "all day" in line for line in beside["warnings"])
 
 
 def test_the_best_window_has_the_sun_on_as_many_slopes_as_possible():
@@ -281,7 +269,7 @@ def test_the_best_window_has_the_sun_on_as_many_slopes_as_possible():
 
 def test_a_window_that_is_longer_than_the_day_is_named():
     found = document("--site", "55,10,100", "--on", "2026-12-21", "--facet", "15,180", "--window", "6h")
-    assert found["warnings"][0] == "no window of 360 min determines any of these slopes"
+    assert "360 min" in found["warnings"][0]
 
 
 def test_a_remedy_for_a_twin_excludes_the_twin_alone():
@@ -289,17 +277,15 @@ def test_a_remedy_for_a_twin_excludes_the_twin_alone():
     facets = ("--facet", "5,0", "--facet", "15,0", "--facet", "25,0", "--facet", "5,90")
     words = ("--site", "-33.9,18.4,10", "--on", "2026-11-28", *facets)
     twins = [line for line in document(*words)["warnings"] if "twin" in line]
-    assert [line.split("; ")[1] for line in twins] == [
-        "limit the tilt below 20° or record for hours",
-        "record for hours",
-        "give the azimuth or record for hours",
-        "limit the tilt below 26° or give the azimuth or record for hours",
-    ]
+    remedies = [line.split("; ")[1] for line in twins]
+    assert all("hours" in remedy for remedy in remedies)
+    limits = [(re.findall(r"\d+°", remedy), "azimuth" in remedy) for remedy in remedies]
+    assert limits == [(["20°"], False), ([], False), ([], True), (["26°"], True)]
 
 
 def test_a_slope_beyond_the_limit_is_named():
     lines = document(*WINTER, "--facet", "60,180")["warnings"]
-    assert "60°/180° is steeper than estimator.tilt_limit_deg = 45: no estimate reaches it" in lines
+    assert any(line.startswith("60°/180°") and "estimator.tilt_limit_deg = 45" in line for line in lines)
 
 
 def test_a_sun_that_is_up_between_two_rows_alone_has_a_row():
@@ -309,7 +295,7 @@ def test_a_sun_that_is_up_between_two_rows_alone_has_a_row():
 
 def test_a_row_of_the_next_day_has_its_date():
     words = ["--site", "64.8378,-147.7164", "--zone", "America/Anchorage", "--facet", "10,180"]
-    lines = CliRunner().invoke(command, [*words, "--on", "2026-06-21"], catch_exceptions=False).stdout
+    lines = run(*words, "--on", "2026-06-21").stdout
     assert re.findall(r"^(2026-\S+ \S+)", lines, re.M) == ["2026-06-22 00:00"]
 
 
@@ -324,7 +310,7 @@ def test_other_worlds_are_planned_without_warnings_of_libraries(body, longitude_
 
 @pytest.mark.parametrize("facets", [[], [(15.0, math.nan)], [(95.0, 180.0)]])
 def test_a_plan_needs_facets_that_can_be(facets):
-    with pytest.raises(ConfigError, match="0 to 360°"):
+    with pytest.raises(ConfigError, match="360°"):
         planning.plan((35.56, 139.40), "2026-12-11", facets)
 
 

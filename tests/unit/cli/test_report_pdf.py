@@ -7,7 +7,9 @@ import zlib
 
 import pytest
 
-from tests.harness.command_line import fieldkit
+from fieldkit.model.errors import ConfigError
+from tests.harness.command_line import fieldkit, invoke, succeed
+from tests.harness.next_steps import at
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +25,7 @@ def cache(tmp_path_factory):
 
 
 def test_a_report_can_be_a_pdf_with_the_page_beside_it(session, tmp_path):
-    found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
-    assert found.exit_code == 0, found.output
+    found = succeed("report", session, "-o", tmp_path / "day.pdf")
     assert found.stdout.strip() == str(tmp_path / "day.pdf")
     printed = (tmp_path / "day.pdf").read_bytes()
     assert printed.startswith(b"%PDF-")
@@ -45,20 +46,17 @@ def test_without_the_printer_it_is_refused_before_the_work(session, tmp_path, mo
 
 
 def test_results_stand_for_their_sessions_and_parameters(session, tmp_path):
-    assert (
-        fieldkit("estimate", session, "--set", "surface.albedo=0.31", "-o", tmp_path / "base").exit_code == 0
-    )
+    succeed("estimate", session, "--set", "surface.albedo=0.31", "-o", tmp_path / "base")
     found = fieldkit("report", tmp_path / "base", "-o", tmp_path / "base.html", "--json")
     assert json.loads(found.stdout)["sessions"] == [str(session)]
     by_hand = tmp_path / "by-hand.html"
-    assert fieldkit("report", session, "--set", "surface.albedo=0.31", "-o", by_hand).exit_code == 0
+    succeed("report", session, "--set", "surface.albedo=0.31", "-o", by_hand)
     assert (tmp_path / "base.html").read_text("utf-8") == by_hand.read_text("utf-8")
     assert "\nalbedo = 0.31\n" in by_hand.read_text("utf-8")
 
 
 def test_a_sweep_has_no_one_report(session, tmp_path):
     grid = ("--set", "surface.albedo=0.2,0.3")
-    assert fieldkit("sweep", session, *grid, "-j", 1, "-o", tmp_path / "many").exit_code == 0
-    found = fieldkit("report", tmp_path / "many")
-    assert found.exit_code == 3
-    assert "many sets of parameters" in found.stderr
+    succeed("sweep", session, *grid, "-j", 1, "-o", tmp_path / "many")
+    with pytest.raises(ConfigError, check=at(tmp_path / "many.json")):
+        invoke("report", tmp_path / "many")

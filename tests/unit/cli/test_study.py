@@ -83,19 +83,8 @@ def test_cumulative_error_never_falls(paper_study):
 
 
 def test_other_places_days_and_noise(recorded, tmp_path):
-    words = [
-        "--site",
-        "-33.9,151.2,60",
-        "--on",
-        "2026-01-15",
-        "--start",
-        "10:00",
-        "--noise",
-        "0.1",
-        "--dni",
-        "900",
-    ]
-    short = ["--session", str(recorded(tmp_path / "c"))]  # a field day of twelve minutes
+    words = ["--site", "-33.9,151.2,60", "--on", "2026-01-15", "--start", "10:00", "--noise", "0.1"]
+    short = ["--dni", "900", "--session", str(recorded(tmp_path / "c"))]  # a field day of twelve minutes
     document = json.loads(run(tmp_path, *FEW, *words, *short, "--json").stdout)
     assert document["irradiance"] == "constant 900 W/m²"
     assert document["site"]["timezone"] == "Etc/GMT-10"
@@ -115,7 +104,7 @@ def test_sensitivity_shows_the_tolerance(recorded, tmp_path):
 def test_night_has_no_study(tmp_path):
     from fieldkit.model.errors import NoAnswerError
 
-    with pytest.raises(NoAnswerError, match="no direct sunlight"):
+    with pytest.raises(NoAnswerError, match="sunlight"):
         run(tmp_path, *FEW, "--start", "22:00")
 
 

@@ -5,30 +5,33 @@ import hashlib
 import json
 import re
 import shutil
+from collections import defaultdict
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 from pyarrow import parquet
 
 from fieldkit import __version__
+from fieldkit.model.errors import ConfigError
 from fieldkit.results.minutes import solve
 from fieldkit.sessions.reader import open_session
-from tests.harness.command_line import fieldkit
+from tests.harness.command_line import fieldkit, invoke, succeed
 from tests.harness.seldom import SET_SELDOM
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
 PAPER = ("--set", "estimator.model=paper")
 """Where it is the sweep that counts: a tenth of the time of the learned model."""
+SWEEP = ("sweep", *GRID, *PAPER)
 
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep")
-    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    succeed("init", "--simulated", folder)
     for seed in (1, 2, 3):
         settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}", *SET_SELDOM)
-        made = fieldkit("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
-        assert made.exit_code == 0, made.output
+        succeed("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
     return folder / "recordings"
 
 
@@ -44,11 +47,8 @@ def swept(recordings, tmp_path_factory):
     folder = tmp_path_factory.mktemp("swept")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-        found = fieldkit(
-            "sweep", recordings, *GRID, *PAPER, "-j", 1, "-o", folder / "results" / "r", "--json"
-        )
-    assert found.exit_code == 0, found.output
-    (folder / "printed").write_text(found.stdout, "utf-8")
+        printed = succeed(*SWEEP, recordings, "-j", 1, "-o", folder / "results" / "r", "--json").stdout
+    (folder / "printed").write_text(printed, "utf-8")
     return folder
 
 
@@ -62,37 +62,24 @@ def test_a_sweep_has_a_row_for_each_session_set_and_bed(swept):
     assert len(table) == 3 * 6 * 3
     assert table[0]["session"].endswith("-s1")
     assert {row["surface.albedo"] for row in table} == {"0.15", "0.2", "0.25"}
-    assert {(row["region"], row["true_tilt_deg"]) for row in table} == {
-        ("b05", "5.0"),
-        ("b15", "15.0"),
-        ("b25", "25.0"),
-    }
-    darker = [
-        float(row["median_tilt_deg"])
-        for row in table
-        if row["region"] == "b15" and row["surface.emissivity"] == "0.9"
-    ]
+    tilts = {"b05": "5.0", "b15": "15.0", "b25": "25.0"}
+    assert {(row["region"], row["true_tilt_deg"]) for row in table} == set(tilts.items())
+    b15 = [row for row in table if (row["region"], row["surface.emissivity"]) == ("b15", "0.9")]
+    darkest, darker, dark = (float(row["median_tilt_deg"]) for row in b15[:3])
     # of the same heat a whiter bed must have had more sun: tilt grows with the albedo assumed
-    assert darker[0] < darker[1] < darker[2]
+    assert darkest < darker < dark
 
 
 def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, swept, tmp_path):
     settings = ("--set", "surface.albedo=0.25", "--set", "surface.emissivity=0.88", *PAPER)
-    assert fieldkit("estimate", recordings, *settings, "-o", tmp_path / "one.csv").exit_code == 0
-    minutes = [
-        row
-        for row in rows(tmp_path / "one.csv")
-        if row["region"] == "b25"
-        and row["session"].endswith("s2")
-        and row["state"] in ("ok", "flat", "uncertain", "not_resolved")
-    ]
+    succeed("estimate", recordings, *settings, "-o", tmp_path / "one.csv")
+    solved = ("ok", "flat", "uncertain", "not_resolved")
+    b25 = [row for row in rows(tmp_path / "one.csv") if (row["session"][-2:], row["region"]) == ("s2", "b25")]
+    minutes = [row for row in b25 if row["state"] in solved]
     errors = [float(row["tilt_deg"]) - 25.0 for row in minutes]
-    (row,) = (
-        row
-        for row in rows(swept / "results" / "r.csv")
-        if (row["session"][-2:], row["surface.albedo"], row["surface.emissivity"], row["region"])
-        == ("s2", "0.25", "0.88", "b25")
-    )
+    table = rows(swept / "results" / "r.csv")
+    of_set = [row for row in table if (row["surface.albedo"], row["surface.emissivity"]) == ("0.25", "0.88")]
+    (row,) = (row for row in of_set if (row["session"][-2:], row["region"]) == ("s2", "b25"))
     assert int(row["answered"]) == len(errors) > 0
     assert int(row["uncertain"]) == sum(minute["state"] == "uncertain" for minute in minutes) > 0
     assert float(row["mean_abs_error_deg"]) == pytest.approx(sum(map(abs, errors)) / len(errors), abs=1e-12)
@@ -106,9 +93,8 @@ def test_again_gives_the_same_bytes_from_the_cache_or_afresh_by_one_process_or_t
     for jobs, cache, known in ((1, swept / "cache", 18), (2, tmp_path / "other", 0)):
         monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
         folder = tmp_path / str(jobs)
-        found = fieldkit("sweep", recordings, *GRID, *PAPER, "-j", jobs, "-o", folder / "r")
-        assert found.exit_code == 0, found.output
-        assert f"{known} of them known before" in found.stderr
+        found = succeed("sweep", recordings, *GRID, *PAPER, "-j", jobs, "-o", folder / "r")
+        assert f" {known} of them" in found.stderr
         assert {path.name: path.read_bytes() for path in folder.iterdir()} == fresh
 
 
@@ -120,6 +106,10 @@ def test_a_value_that_solves_few_minutes_is_not_ranked(recordings, tmp_path):
     assert "NaN" not in (tmp_path / "r.json").read_text("utf-8")
 
 
+def checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def test_provenance_names_content_and_code(recordings, swept):
     about = json.loads((swept / "results" / "r.json").read_text("utf-8"))
     assert about["schema"] == 1
@@ -129,10 +119,8 @@ def test_provenance_names_content_and_code(recordings, swept):
         "estimator.model": ["paper"],
     }
     paths = sorted(recordings.glob("*.h5"))
-    assert [one["sha256"] for one in about["sessions"]] == [
-        hashlib.sha256(p.read_bytes()).hexdigest() for p in paths
-    ]
-    assert about["files"]["r.csv"] == hashlib.sha256((swept / "results" / "r.csv").read_bytes()).hexdigest()
+    assert [session["sha256"] for session in about["sessions"]] == [checksum(path) for path in paths]
+    assert about["files"]["r.csv"] == checksum(swept / "results" / "r.csv")
     assert about["code_version"].startswith(f"{__version__}+")
     assert {"command_line", "python", "platform", "packages", "ranking"} <= set(about)
 
@@ -143,9 +131,8 @@ def test_parquet_is_the_same_table(swept):
 
 
 def test_an_unknown_key_is_refused_before_anything_runs(recordings, tmp_path, cache):
-    found = fieldkit("sweep", recordings, "--set", "surface.albdo=0.1,0.2", "-o", tmp_path / "r")
-    assert found.exit_code == 3
-    assert "did you mean albedo" in found.stderr
+    with pytest.raises(ConfigError, match=r"albedo\?"):
+        invoke("sweep", recordings, "--set", "surface.albdo=0.1,0.2", "-o", tmp_path / "r")
     assert not cache.exists()
     assert not (tmp_path / "r.csv").exists()
 
@@ -154,15 +141,14 @@ def test_an_unknown_key_is_refused_before_anything_runs(recordings, tmp_path, ca
     ("setting", "said"),
     [
         ("surface.albedo=0.1,1.2", "1.2"),
-        ("record.every_s=30,60", "does not enter an estimate"),
-        ("simulation.albedo=0.1,0.2", "does not enter an estimate"),
-        ("surface.albedo=0.3:0.1:0.1", "not a valid range"),
+        ("record.every_s=30,60", "record.every_s"),
+        ("simulation.albedo=0.1,0.2", "simulation.albedo"),
+        ("surface.albedo=0.3:0.1:0.1", "0.3:0.1:0.1"),
     ],
 )
 def test_values_that_cannot_be_are_refused_before_anything_runs(recordings, cache, setting, said):
-    found = fieldkit("sweep", recordings, "--set", setting)
-    assert found.exit_code == 3
-    assert said in found.stderr
+    with pytest.raises(ConfigError, match=said):
+        invoke("sweep", recordings, "--set", setting)
     assert not cache.exists()
 
 
@@ -174,7 +160,7 @@ def test_a_corrupt_session_among_others_is_told_and_the_others_are_done(recordin
     found = fieldkit("sweep", folder, *GRID[:2], *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 3
     assert "torn.h5" in found.stderr
-    assert "1 of 4 sessions could not be estimated; the others are done" in found.stderr
+    assert "1 of 4 sessions" in found.stderr
     assert len({row["session"] for row in rows(tmp_path / "r.csv")}) == 3
     (problem,) = json.loads((tmp_path / "r.json").read_text("utf-8"))["problems"]
     assert problem["path"].endswith("torn.h5")
@@ -191,8 +177,8 @@ def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_pat
         file.write(b"\xaa" * block.size)
     found = fieldkit("estimate", folder, *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 7
-    assert f"{torn}: damaged samples in 3 minutes; they are excluded" in found.stderr
-    assert "1 of 3 sessions are damaged in part" in found.stderr
+    assert re.search(f"{torn}: .* 3 minutes", found.stderr)
+    assert "1 of 3 sessions" in found.stderr
     table = [row for row in rows(tmp_path / "r.csv") if row["session"].endswith("s2")]
     damaged = [row["temperature_k"] for row in table if "bad_crc" in row["flags"]]
     assert damaged == [""] * 9  # three minutes of three beds: nothing rather than the filling of a lost block
@@ -214,9 +200,8 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
     found = fieldkit("sweep", recordings, *GRID, *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 130
     monkeypatch.setattr("fieldkit.results.minutes.solve", real)
-    found = fieldkit("sweep", recordings, *GRID, *PAPER, "-j", 1, "-o", tmp_path / "r")
-    assert found.exit_code == 0
-    assert "5 of them known before" in found.stderr
+    found = succeed("sweep", recordings, *GRID, *PAPER, "-j", 1, "-o", tmp_path / "r")
+    assert " 5 of them" in found.stderr
 
 
 def test_best_parameters_and_their_worth_are_told(swept):
@@ -225,20 +210,15 @@ def test_best_parameters_and_their_worth_are_told(swept):
     assert ranking["sessions"] == 3
     assert set(ranking["sensitivity"]) == {"surface.albedo", "surface.emissivity"}
     table = rows(swept / "results" / "r.csv")
-    by_set: dict[str, dict[str, list[float]]] = {}
+    by_set = defaultdict(list)
     for row in table:
-        by_set.setdefault(row["set"], {}).setdefault(row["session"], []).append(
-            float(row["median_abs_error_deg"])
-        )
-    errors = [
-        sum(sum(beds) / len(beds) for beds in of_set.values()) / len(of_set) for of_set in by_set.values()
-    ]
-    assert ranking["error_deg"] == pytest.approx(min(errors), abs=1e-12)
+        by_set[row["set"]].append(float(row["median_abs_error_deg"]))
+    # each session has three beds: the mean over sessions of their means is that of all
+    assert ranking["error_deg"] == pytest.approx(min(map(fmean, by_set.values())), abs=1e-12)
 
 
 def test_estimate_of_many_prints_each_and_keeps_every_minute(recordings, tmp_path):
-    found = fieldkit("estimate", recordings, *PAPER, "-j", 1, "-o", tmp_path / "base")
-    assert found.exit_code == 0, found.output
+    found = succeed("estimate", recordings, *PAPER, "-j", 1, "-o", tmp_path / "base")
     assert [line for line in found.stdout.splitlines() if line.endswith(("-s1", "-s2", "-s3"))]
     table = rows(tmp_path / "base.csv")
     assert {row["session"][-2:] for row in table} == {"s1", "s2", "s3"}

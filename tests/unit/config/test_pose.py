@@ -9,12 +9,14 @@ from fieldkit.config.edit import change_region, editing
 from fieldkit.config.pose import load_pose, trajectory_from
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
+from tests.harness.next_steps import at
 
 SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
 LENS = 'crs = "EPSG:32613"\nhfov_deg = 60.0\nrange_m = 50.0\nground_m = 2300.0\n'
 DOWN = "east_m = 500000.0\nnorth_m = 4172000.0\nheight_m = 2310.0\nyaw_deg = 0.0\npitch_deg = -90.0\n"
 CORNERS = "[[499999, 4171999], [500001, 4171999], [500001, 4172001]]"
+CORNERS_OF_REGION = "region[0].points_m"
 REGION = '[[region]]\nname = "flat"\nkind = "reference"\npoints_m = '
 RUN = """time,east_m,north_m,height_m,yaw_deg,pitch_deg,roll_deg
 2016-01-01T19:00:00Z,500000,4172000,2310,0,-90,0
@@ -101,14 +103,14 @@ def dem(tmp_path):
 
 @pytest.mark.parametrize(
     ("north", "words"),
-    [(6, ""), (20, "does not see 499999,4172020"), (90, "dem.tif has no height at 499999, 4172090")],
+    [(6, ""), (20, "499999,4172020"), (90, "dem.tif: .* 499999, 4172090")],
 )
 def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_path, dem, north, words):
     corners = [[499999, 4172000 + north], [500001, 4172000 + north], [500000, 4172001 + north]]
     pose = LENS.replace("ground_m = 2300.0", 'dem = "dem.tif"') + LOOKING_NORTH
     file = campaign(tmp_path, pose.replace("60.0", "100.0"), REGION + str(corners))
     if words:
-        with pytest.raises(ConfigMistakesError, match=words):
+        with pytest.raises(ConfigMistakesError, match=rf"region\[0\]\.points_m: {words}"):
             loaded(file)
         return
     (flat,) = loaded(file).regions
@@ -116,47 +118,53 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("pose", "region", "words"),
+    ("pose", "region", "place", "values"),
     [
-        (LENS + DOWN.replace("2310.0", "nan"), "", "camera.pose.height_m: got nan"),
-        (LENS + DOWN.replace("yaw_deg = 0.0", ""), "", "camera.pose.yaw_deg: missing; expected a number"),
-        (LENS + DOWN.replace("-90.0", "-91.0"), "", "camera.pose.pitch_deg: got -91.0"),
-        (LENS + DOWN + "quaternion = [1, 0, 0, 0]", "", "both quaternion and yaw_deg, pitch_deg"),
-        (LENS + DOWN.split("yaw")[0] + "quaternion = [0, 0, 0, 0]", "", "its length is 0, not 1"),
-        (LENS + DOWN + 'dem = "dem.tif"', "", "either ground_m"),
-        (LENS + 'trajectory = "none.csv"', "", "none.csv: cannot read"),
-        (LENS + 'trajectory = "run.csv"', "", "run.csv:3: its time is not after"),
-        (LENS + 'trajectory = "far.csv"', "", "far.csv:3: the year must lie within"),
-        (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, "unknown coordinate reference system"),
-        (LENS + DOWN.replace("-90.0", "20.0"), REGION + CORNERS, "does not see 499999,4171999"),
-        (LENS + DOWN, REGION + CORNERS.replace("500001", "500051"), "does not see 500051,4171999"),
-        (LENS + DOWN, REGION + "[[1, 2], [3, 4]]", "region[0].points_m: at least three corners"),
-        (LENS.replace("ground_m = 2300.0", 'dem = "no.tif"') + DOWN, REGION + CORNERS, "cannot read the DEM"),
+        (LENS + DOWN.replace("2310.0", "nan"), "", "camera.pose.height_m", "nan"),
+        (LENS + DOWN.replace("yaw_deg = 0.0", ""), "", "camera.pose.yaw_deg", "missing"),
+        (LENS + DOWN.replace("-90.0", "-91.0"), "", "camera.pose.pitch_deg", "-91.0"),
+        (LENS + DOWN + "quaternion = [1, 0, 0, 0]", "", "camera.pose.quaternion", "yaw_deg, pitch_deg"),
+        (LENS + DOWN.split("yaw")[0] + "quaternion = [0, 0, 0, 0]", "", "camera.pose.quaternion", "0, not 1"),
+        (LENS + DOWN + 'dem = "dem.tif"', "", "camera.pose.ground_m", "dem"),
+        (LENS + 'trajectory = "none.csv"', "", "camera.pose", "none.csv: "),
+        (LENS + 'trajectory = "run.csv"', "", "camera.pose", "run.csv:3: "),
+        (LENS + 'trajectory = "far.csv"', "", "camera.pose", "far.csv:3: .*year"),
+        (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, CORNERS_OF_REGION, "EPSG:99999"),
+        (LENS + DOWN.replace("-90.0", "20.0"), REGION + CORNERS, CORNERS_OF_REGION, "499999,4171999"),
+        (LENS + DOWN, REGION + CORNERS.replace("500001", "500051"), CORNERS_OF_REGION, "500051,4171999"),
+        (LENS + DOWN, REGION + "[[1, 2], [3, 4]]", CORNERS_OF_REGION, "three corners"),
+        (
+            LENS.replace("ground_m = 2300.0", 'dem = "no.tif"') + DOWN,
+            REGION + CORNERS,
+            CORNERS_OF_REGION,
+            "no.tif",
+        ),
     ],
 )
-def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(tmp_path, pose, region, words):
+def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(
+    tmp_path, pose, region, place, values
+):
     (tmp_path / "run.csv").write_text(RUN.replace("T20", "T18"))
     (tmp_path / "far.csv").write_text(RUN.replace("2016-01-01T20", "3000-01-01T20"))
-    with pytest.raises(ConfigMistakesError) as error:
+    with pytest.raises(ConfigMistakesError, match=values) as error:
         loaded(campaign(tmp_path, pose, region))
-    assert words in error.value.message
-    assert len(error.value.mistakes) == 1
+    assert str(error.value.place).endswith(f": {place}")
 
 
 @pytest.mark.parametrize("time", ["Infinity", "1e30", "-1e11", "NaN"])
 def test_a_pose_of_no_time_that_a_session_can_hold_is_named_with_its_line(time):
     text = f"0 1 2 3 0 0 0 1\n{time} 1 2 3 0 0 0 1\n"
-    with pytest.raises(ConfigError, match=r"run\.tum:2: "):
+    with pytest.raises(ConfigError, check=at("run.tum:2")):
         trajectory_from(text, "run.tum")
 
 
 @pytest.mark.parametrize(
     ("camera", "words"),
-    [(CAMERA, "need the pose"), (CAMERA.split("width")[0] + "[camera.pose]\n" + LENS + DOWN, "width_px")],
+    [(CAMERA, "camera.pose"), (CAMERA.split("width")[0] + "[camera.pose]\n" + LENS + DOWN, "width_px")],
 )
 def test_corners_on_the_ground_need_pose_and_frame(tmp_path, camera, words):
     (tmp_path / "fieldkit.toml").write_text(f"{SITE}{camera}\n{REGION}{CORNERS}\n")
-    with pytest.raises(ConfigMistakesError, match=words):
+    with pytest.raises(ConfigMistakesError, match=rf"region\[0\]\.points_m: .*{words}"):
         loaded(tmp_path / "fieldkit.toml")
 
 

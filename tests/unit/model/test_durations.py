@@ -9,6 +9,7 @@ from fieldkit.model.durations import (
     rounded_duration,
 )
 from fieldkit.model.errors import ConfigError
+from tests.harness.next_steps import at
 
 
 @pytest.mark.parametrize(
@@ -33,7 +34,7 @@ def test_durations(text, seconds):
 
 @pytest.mark.parametrize("text", ["", "10", "1.5", "soon", "1w", "10s30", "-5m", "1.55.5", "3 h"])
 def test_anything_else_is_not_a_duration(text):
-    with pytest.raises(ConfigError, match="is not a valid duration; use 3h, 90m or 45s"):
+    with pytest.raises(ConfigError, check=at(repr(text))):
         parse_duration(text)
 
 
@@ -46,7 +47,7 @@ def test_offsets_carry_a_sign_and_are_seconds_without_a_unit(text, seconds):
 
 @pytest.mark.parametrize("text", ["", "+", "--5s", "1w", "soon"])
 def test_anything_else_is_not_an_offset(text):
-    with pytest.raises(ConfigError, match=r"\+12s or -2m"):
+    with pytest.raises(ConfigError, match=r"\+12s or -2m", check=at(repr(text))):
         parse_offset(text)
 
 
@@ -63,19 +64,21 @@ def test_from_python_a_duration_may_be_a_number_of_seconds():
 
 @pytest.mark.parametrize("text", ["6", "25:00", "noon"])
 def test_anything_else_is_not_a_time_of_day(text):
-    with pytest.raises(ConfigError, match="is not a valid time of day"):
+    with pytest.raises(ConfigError, check=at(repr(text))):
         parse_time_of_day(text)
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(14, "14 s"), (540, "9 min"), (3 * 3600 + 540, "3 h 09 min"), (3599, "1 h 00 min")]
+    ("words", "seconds", "expected"),
+    [
+        (rounded_duration, 14, "14 s"),
+        (rounded_duration, 540, "9 min"),
+        (rounded_duration, 3 * 3600 + 540, "3 h 09 min"),
+        (rounded_duration, 3599, "1 h 00 min"),
+        (precise_duration, 4.23, "4.2 s"),
+        (precise_duration, 750, "12 min 30 s"),
+        (precise_duration, 57_630, "16 h 00 min"),
+    ],
 )
-def test_rounded_durations(seconds, said):
-    assert rounded_duration(seconds) == said
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"), [(4.23, "4.2 s"), (750, "12 min 30 s"), (57_630, "16 h 00 min")]
-)
-def test_precise_durations(seconds, said):
-    assert precise_duration(seconds) == said
+def test_durations_in_words(words, seconds, expected):
+    assert words(seconds) == expected

@@ -1,4 +1,4 @@
-"""The nouns that every room uses: sites, regions, clocks, streams and errors."""
+"""The nouns that every room uses: sites, regions, clocks and streams."""
 
 import os
 import time
@@ -11,18 +11,6 @@ import pytest
 
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import (
-    CalibrationError,
-    ConfigError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    FieldkitError,
-    IntegrityError,
-    NoAnswerError,
-    RefusedError,
-    SessionError,
-    StorageError,
-)
 from fieldkit.model.site import Region, RegionKind, zone_by_longitude
 
 CAMERA = StreamInfo("ir", "brightness_temperature", "K", (120, 160), scale=0.01, offset=0.0)
@@ -138,22 +126,3 @@ def test_numbers_of_another_law_scale_or_offset_do_not_mean_the_same(change):
     assert not CAMERA.is_read_as(replace(CAMERA, **change))  # type: ignore[arg-type]
     unknown = replace(CAMERA, scale=float("nan"))
     assert unknown.is_read_as(unknown)
-
-
-@pytest.mark.parametrize(
-    ("kind", "code"),
-    [
-        (FieldkitError, 1),
-        (ConfigError, 3),
-        (SessionError, 3),
-        (DeviceNotFoundError, 4),
-        (DeviceLostError, 5),
-        (StorageError, 6),
-        (IntegrityError, 7),
-        (NoAnswerError, 8),
-        (CalibrationError, 8),
-        (RefusedError, 9),
-    ],
-)
-def test_every_error_ends_with_the_exit_code_of_the_manual(kind, code):
-    assert kind("x").exit_code == code

@@ -1,5 +1,7 @@
 """What quantities can be: expected values from records and standards, not from the table itself."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -104,9 +106,7 @@ def test_no_beam_comes_from_a_sun_that_is_down():
     bounds = bounds_of(STREAMS["dni"])
     values = np.array([[300.0]])
     (found,) = excesses(labels_of(STREAMS["dni"]), bounds, values, bounds.is_exceeded(values, -0.3))
-    assert found.words("row 1").endswith(
-        "more than the sun gives at its height then; are place and time right?"
-    )
+    assert found.words("row 1").endswith("place and time right?")
 
 
 def test_a_row_that_is_stated_replaces_the_table():
@@ -150,14 +150,12 @@ def test_what_cannot_be_is_counted_by_channel_and_the_first_named():
     info = StreamInfo("logger", "temperature", "K", (2,), channels=("air", "bed"))
     values = np.array([[290.0, 300.0], [290.0, -7725.85], [9.9e37, 8272.15]])
     bounds = bounds_of(info)
-    words = [
-        one.words(f"row {one.first}")
-        for one in excesses(labels_of(info), bounds, values, bounds.is_exceeded(values))
-    ]
-    assert words == [
-        "logger air: 1 implausible value, the first 9.9e+37 K at row 2; possible: 183.9 to 350",
-        "logger bed: 2 implausible values, the first -7725.85 K at row 1; possible: 175 to 440",
-    ]
+    air, bed = (
+        excess.words(f"row {excess.first}")
+        for excess in excesses(labels_of(info), bounds, values, bounds.is_exceeded(values))
+    )
+    assert re.fullmatch(r"logger air: 1 .* 9\.9e\+37 K at row 2; .*183\.9 to 350", air)
+    assert re.fullmatch(r"logger bed: 2 .* -7725\.85 K at row 1; .*175 to 440", bed)
 
 
 def test_values_for_a_result_are_without_unusable_and_impossible_ones():

@@ -43,8 +43,7 @@ def test_two_browsers_that_start_at_once_begin_one_recording(config, monkeypatch
         asked = [browsers.submit(starting.start, RecordOptions()) for _ in range(2)]
     begun, refused = sorted(asked, key=lambda one: one.exception() is not None)
     assert begun.result().name == "day.h5"
-    with pytest.raises(RefusedError, match="stop that recording"):
-        refused.result()
+    assert isinstance(refused.exception(), RefusedError)
 
 
 def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config):
@@ -57,7 +56,7 @@ def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config)
     try:
         wait_until(lambda: hub.latest.frame is not None, f"there is none: {hub.state}", 60.0)
         assert hub.state.phase == "preview"
-        assert "no reference among the regions" in (hub.state.problem or "")
+        assert "no reference" in hub.state.problem
     finally:
         conducting.close()
         thread.join()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fieldkit.page import requests
 from fieldkit.page.requests import BadRequestError, parse
+from tests.harness.next_steps import at
 
 REGION = {"name": "b15", "role": "target", "vertices": [[1, 2], [30, 2.5], [30, 40]]}
 GOOD: list[dict[str, Any]] = [
@@ -87,19 +88,19 @@ def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
 
 
 @pytest.mark.parametrize(
-    ("body", "words", "fix"),
+    ("body", "place", "fix"),
     [
-        ({"do": "start", "until": ""}, "start.until: is empty", "fill it in"),
-        ({"do": "start", "duration": ""}, "start.duration: is empty", "fill it in"),
-        ({"do": "mark", "text": "a cloud", "at": ""}, "mark.at: is empty", "fill it in"),
-        ({"do": "mark", "text": "x" * 2001}, "at most 2000", "shorten it"),
-        ({"do": "mark", "text": "\x00"}, "mark.text: has a character that is not text", "type it anew"),
+        ({"do": "start", "until": ""}, "start.until", "empty"),
+        ({"do": "start", "duration": ""}, "start.duration", "empty"),
+        ({"do": "mark", "text": "a cloud", "at": ""}, "mark.at", "empty"),
+        ({"do": "mark", "text": "x" * 2001}, "mark.text", "too_long"),
+        ({"do": "mark", "text": "\x00"}, "mark.text", "not_text"),
     ],
 )
-def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, words, fix):
-    with pytest.raises(BadRequestError, match=words) as error:
+def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, place, fix):
+    with pytest.raises(BadRequestError, check=at(place)) as error:
         parse(json.dumps(body))
-    assert error.value.fix == fix
+    assert error.value.fix == requests.FIXES[fix]
 
 
 @pytest.mark.parametrize(

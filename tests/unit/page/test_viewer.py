@@ -51,7 +51,7 @@ def test_a_browser_that_reads_nothing_is_disconnected():
             viewer.text(str(number))
         await viewer.send(browser.take, browser.take)
 
-    with pytest.raises(ViewerLeftError, match="does not read"):
+    with pytest.raises(ViewerLeftError, match="read"):
         asyncio.run(run())
 
 

@@ -61,7 +61,8 @@ def test_what_the_data_taught_is_shown_with_how_much_they_said(latest, make_minu
     assert {cell_len(line) for line in lines} == {cols}
     text = "\n".join(lines)
     if rows < 30:
-        assert "gain 0.94 ██░ depth 3.6 cm █░░" in text
+        assert "gain 0.94 ██░ " in text
+        assert "depth 3.6 cm █░░" in text
         assert "inertia 520 ██░ exchange 21 ██░" in text
     else:
         assert re.search(r"inertia +520 \(460 to 588\) +██████░░ 70%", text)
@@ -101,7 +102,7 @@ def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
     latest.update(latest.frame._replace(counts=counts))
     line = next(line for line in letters(latest, 80, 24) if line.startswith("b15"))
     assert "29.00" in line  # 302.15 K
-    assert "first minute: brightness" in line
+    assert "brightness" in line
 
 
 def test_regions_are_outlined_and_named(latest):
@@ -114,8 +115,8 @@ def test_regions_are_outlined_and_named(latest):
 
 
 def test_bad_news_is_told_in_words_and_in_red(latest):
-    latest.update(Event(EventKind.DISK, 1, 1, "disk reserve reached", severity=Severity.ERROR))
-    assert "ERROR: disk reserve reached" in "\n".join(letters(latest, 80, 24))
+    latest.update(Event(EventKind.DISK, 1, 1, "disk full", severity=Severity.ERROR))
+    assert "ERROR: disk full" in "\n".join(letters(latest, 80, 24))
     assert "41m" in drawn(latest, 80, 24)
 
 
@@ -128,22 +129,22 @@ def test_a_stream_that_is_silent_says_since_when(latest):
 
 def test_clock_is_steady_until_it_is_not(latest):
     assert "steady since 12:08" in "\n".join(letters(latest, 80, 24))
-    latest.update(Event(EventKind.CLOCK_STEP, 1, START_NS, "clock stepped by +3600 s"))
-    assert "12:08 clock stepped by +3600 s" in "\n".join(letters(latest, 80, 24))
+    latest.update(Event(EventKind.CLOCK_STEP, 1, START_NS, "clock step"))
+    assert "12:08 clock step" in "\n".join(letters(latest, 80, 24))
 
 
 @pytest.mark.parametrize(("cols", "rows"), SIZES)
 def test_times_of_other_days_have_their_dates(latest, cols, rows):
     now, latest.planned_end_ns = START_NS + 26 * 3600 * SECOND_NS, START_NS + 72 * 3600 * SECOND_NS
     latest.update(Reading("lux", now, now, (1.0,)))
-    latest.update(Event(EventKind.MARK, now, now, "the second day"))
+    latest.update(Event(EventKind.MARK, now, now, "dawn"))
     lines = letters(latest, cols, rows)
     assert {cell_len(line) for line in lines} == {cols}
     text = "\n".join(lines)
     assert "steady since 2017-12-11 12:08" in text
-    assert "26 h 00 min of 72 h 00 min, ends 2017-12-14 12:08" in text
+    assert re.search("26 h 00 .*72 h 00 .*2017-12-14 12:08", text)
     assert "\n2017-12-11 12:08:00  recording" in text
-    assert "\n14:08:00  mark the second day" in text
+    assert "\n14:08:00  mark dawn" in text
 
 
 def test_newest_events_are_last_and_old_ones_go(latest):
@@ -162,9 +163,9 @@ def test_regions_without_room_are_counted_not_dropped_in_silence(site, streams, 
     lines = letters(crowded, cols, rows)
     shown = sum(line.startswith("bed") for line in lines)
     assert 0 < shown < 9
-    (told,) = [line.strip() for line in lines if "hidden" in line]
+    (hint,) = [line for line in lines if "hidden" in line]
     more_rows = 9 - (rows - 18)
-    assert told == f"{9 - shown} more regions hidden: {more_rows} more rows show them"
+    assert re.findall(r"\d+", hint) == [str(9 - shown), str(more_rows)]
     enlarged = letters(crowded, cols, rows + more_rows)
     assert sum(line.startswith("bed") for line in enlarged) == 9
 
@@ -182,7 +183,7 @@ def test_a_mark_of_the_past_stands_in_its_place_and_says_its_kind(latest):
     lines = letters(latest, 80, 24)
     first, last = (next(n for n, line in enumerate(lines) if text in line) for text in ("ridge", "reserve"))
     assert first < last
-    assert "mark cloud, 3 min: over the ridge" in lines[first]
+    assert "cloud, 3 min" in lines[first]
 
 
 def test_a_camera_without_a_temperature_scale_shows_counts(site, regions, streams, frame):

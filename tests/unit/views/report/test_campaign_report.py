@@ -35,7 +35,7 @@ def written(tmp_path, parts):
 
 def test_errors_are_by_bed_and_day_and_over_all(written):
     text = written(sd="usual")
-    assert "Mean absolute tilt error 1.5° over 40 estimates" in text  # 2, 2, 1 and 1 degrees
+    assert re.search(r"1\.5° over 40\b", text)  # 2, 2, 1 and 1 degrees
     for needed in ("2017-12-11", "2017-12-12", "2.0 ± 1.00", "2.0 ± 0.00", "1.0 ± 0.00", "sand &amp; sun"):
         assert needed in text
 
@@ -52,12 +52,12 @@ def test_slopes_and_both_figures_of_the_paper_are_there_and_nothing_is_fetched(w
     assert re.findall(r'(?:src|href)="(?!#)', text) == []
 
 
-def test_a_session_that_was_simulated_and_its_warnings_are_named(tmp_path, parts):
-    parts[1] = replace(parts[1], simulated=True, warnings=["1 gap while recording; see Events."])
-    write_campaign_report(tmp_path / "campaign.html", "sand", parts)
-    text = (tmp_path / "campaign.html").read_text(encoding="utf-8")
-    assert "The instruments of 1 of 2 sessions were simulated." in text
-    assert "<li>1 gap while recording; see Events.</li>" in text
+def test_a_session_that_was_simulated_and_its_warnings_are_named(written, parts):
+    assert "of 2 sessions" not in written()
+    parts[1] = replace(parts[1], simulated=True, warnings=["1 gap"])
+    text = written()
+    assert "1 of 2 sessions" in text
+    assert "<li>1 gap</li>" in text
     assert 'class="verdict doubt"' in text
 
 
@@ -68,10 +68,9 @@ def test_without_matplotlib_the_table_stays(written):
     assert "2.0 ± 0.32" in text
 
 
-def test_sessions_without_slopes_have_no_errors(tmp_path, recorded, site, regions, settings):
-    empty = Part(recorded, site, series([], regions), settings)
-    write_campaign_report(tmp_path / "campaign.html", "empty", [empty])
-    assert "No slope of a region of known tilt" in (tmp_path / "campaign.html").read_text(encoding="utf-8")
+def test_sessions_without_slopes_have_no_errors(written, parts, site, regions):
+    parts[:] = [replace(parts[0], columns=series([], regions))]
+    assert not re.search(r"[\d.]+° over", written())
 
 
 def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
