@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -139,7 +140,7 @@ def _chunks(path: Path, info: StreamInfo, data: CountArray) -> None:
     ):
         dataset = _plain_dataset(file, "counts", chunk_shape(info), info.shape, 65535)
         file.swmr_mode = True
-        writer = FrameWriter(dataset, pool)
+        writer = FrameWriter(dataset, pool, defaultdict(int))
         for counts in data:
             writer.put(counts)
             if writer.is_full:
@@ -184,7 +185,7 @@ def _zarr(path: Path, data: CountArray) -> None:
 def _compress(path: Path, info: StreamInfo, data: CountArray) -> None:
     with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
-        writer = FrameWriter(dataset, pool)
+        writer = FrameWriter(dataset, pool, defaultdict(int))
         for counts in data:
             writer.put(counts)
             if writer.is_full:

@@ -7,15 +7,62 @@ disk has had nothing to do; so what writes much has the disk begin early.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import hashlib
 import os
 import stat
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
 
 BEGIN_BYTES = 8_000_000
 """After so much the disk should begin; to begin with less is not worth a call and wears a small card."""
+
+
+PATIENCE_S, RETRY_EVERY_S = 4.0, 0.05
+"""For longer than a plug or a network drive is loose for a moment (3 s), and less than `QUEUED_S`."""
+_PASSING = {errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ESTALE, errno.ENXIO, errno.ETIMEDOUT}
+"""Failures of a disk that may be over soon."""
+
+
+class Patience:
+    """Does again what a disk refuses for a moment; after `PATIENCE_S` no more, until it has taken something.
+
+    What is done must be doable again from its beginning.
+    """
+
+    def __init__(self) -> None:
+        self._refused_s: float | None = None
+
+    def __call__(self, act: Callable[[], T]) -> T:
+        """The result of `act`; raises what that raises when the disk is not back in time."""
+        while True:
+            try:
+                result = act()
+            except Exception as error:
+                self._refused_s = self._refused_s or time.monotonic()
+                if time.monotonic() - self._refused_s > PATIENCE_S or not _is_passing(error):
+                    raise
+                time.sleep(RETRY_EVERY_S)
+            else:
+                self._refused_s = None
+                return result
+
+
+def _is_passing(error: BaseException | None) -> bool:
+    """Whether an error, or one that it was raised from, is of a disk that may be back soon."""
+    return error is not None and (getattr(error, "errno", None) in _PASSING or _is_passing(error.__cause__))
+
+
+def write_all(descriptor: int, data: memoryview, offset: int) -> None:
+    """Write bytes at a place: a disk that is nearly full takes a part, and then says why it takes no more."""
+    while data:
+        count = os.pwrite(descriptor, data, offset)
+        data, offset = data[count:], offset + count
 
 
 def sync(path: Path) -> None:

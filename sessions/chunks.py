@@ -1,9 +1,7 @@
 """Growing datasets, written as direct chunks: frames compressed, columns as plain chunks.
 
-Direct chunks leave nothing half-written inside the HDF5 library, so a full disk is an
-error at that write and not a crash at exit; and compression happens in our own threads
-instead of all at once in a flush. A reader trusts a row once every dataset of its group
-has it, `time` last.
+Compression thus happens in our own threads instead of all at once in a flush, and the library keeps little.
+A reader trusts a row once every dataset of its group has it, `time` last.
 """
 
 from __future__ import annotations
@@ -20,13 +18,11 @@ import h5py
 import numpy as np
 from isal import isal_zlib
 
-from fieldkit.disk import BEGIN_BYTES, begin_sync
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 
 _LEVEL = 1  # of the ISA-L library: higher ones take longer and gain nothing on noise
-_TAIL = 256
 _ROWS_WAITING = 1024
 
 
@@ -117,12 +113,14 @@ def read_block(dataset: h5py.Dataset, start: int) -> CountArray:
 
 
 class FrameWriter:
-    """One dataset of frames: gathers frames into a block and writes it chunk by chunk."""
+    """One dataset of frames: gathers frames into a block and writes it chunk by chunk.
 
-    def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:
+    `places` has the offset of the last write of each size (`GuardedDisk.places`).
+    """
+
+    def __init__(self, dataset: h5py.Dataset, pool: Executor, places: Mapping[int, int]) -> None:
         self._dataset, self._name = dataset, dataset.name
-        self._file = h5py.h5i.get_file_id(dataset.id)
-        self._pool = pool
+        self._pool, self._places = pool, places
         self.depth, rows, cols = dataset.chunks
         self._corners = corners(dataset)
         self._fill = int(dataset.fillvalue)
@@ -147,15 +145,11 @@ class FrameWriter:
         start = (self.length - 1) // self.depth * self.depth
         self._chunks[:, :, self.length - start :] = self._fill
         packed = self._pool.map(_pack_strip, self._chunks)  # some are written meanwhile
-        before = self._file.get_filesize()
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        chunks = [
+        return [
             self._write_chunk((start, *corner), data, crc32)
             for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True)
         ]
-        if (grown_bytes := self._file.get_filesize() - before) >= BEGIN_BYTES:
-            begin_sync(self._file.get_vfd_handle(), before, grown_bytes)
-        return chunks
 
     def copy(self, chunks: Iterable[PackedChunk]) -> None:
         """Write those of the chunks that are of this dataset; the block before them must be complete."""
@@ -166,24 +160,9 @@ class FrameWriter:
                 self._dataset.id.write_direct_chunk((start, *chunk.corner), chunk.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
-        end = self._file.get_filesize()
         self._dataset.id.write_direct_chunk(corner, data)
-        return Chunk(self._name, *corner, self._place(corner, data, end), len(data), crc32)
-
-    def _place(self, corner: tuple[int, int, int], data: bytes, end: int) -> int:
-        """Offset of a chunk just written: nearly always at what was the `end` of the file.
-
-        The library itself looks through all chunks there are to answer that, longer and longer. That the file
-        has grown by just the chunk is enough to know, or that the chunk ends there: a reader compares its
-        checksum.
-        """
-        tail = bytes(data[-_TAIL:])
-        if (
-            self._file.get_filesize() == end + len(data)
-            or os.pread(self._file.get_vfd_handle(), len(tail), end + len(data) - len(tail)) == tail
-        ):
-            return end
-        return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
+        # the library itself would look through all chunks there are, longer and longer
+        return Chunk(self._name, *corner, self._places[len(data)], len(data), crc32)
 
 
 def _pack_strip(strip: CountArray) -> list[tuple[bytes, int]]:

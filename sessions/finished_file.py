@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.disk import one_at_a_time, put_in_place
+from fieldkit.disk import Patience, one_at_a_time, put_in_place
 from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.durations import rounded_duration
@@ -37,25 +37,29 @@ def add_to_finished(path: Path, add: Callable[[h5py.File], None]) -> None:
     cannot be written or there is no room for the copy.
     """
     path = path.resolve()  # a link stays a link
-    draft = changing_path(path)
     try:
         with one_at_a_time(path.parent):
-            with open_session(path) as session:
-                session.require_finished()
-            try:
-                shutil.copyfile(path, draft)
-                shutil.copystat(path, draft)
-                with GuardedFile(draft) as file:
-                    add(file)
-                put_in_place(draft, path)
-            finally:
-                draft.unlink(missing_ok=True)
+            Patience()(partial(_change_copy, path, add))
     except OSError as error:
         raise StorageError(
             f"could not be corrected: {error.strerror or error}",
             place=path,
             fix="see that its folder can be written and has room for a copy of it; nothing was changed",
         ) from error
+
+
+def _change_copy(path: Path, add: Callable[[h5py.File], None]) -> None:
+    draft = changing_path(path)
+    with open_session(path) as session:
+        session.require_finished()
+    try:
+        shutil.copyfile(path, draft)
+        shutil.copystat(path, draft)
+        with GuardedFile(draft) as file:
+            add(file)
+        put_in_place(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def changing_path(path: Path) -> Path:

@@ -1,9 +1,8 @@
 """Writing to a session file on a disk that may fail, with the HDF5 library and past it.
 
-When the disk refuses what the HDF5 library wants to write, the library keeps it, cannot
-close the file, and brings the whole process down at its end. A guarded file is then given
-memory to write to instead of the disk, so that it closes in order; on the disk it stays as
-it was when the disk failed.
+When the disk refuses what the HDF5 library wants to write, the library is left with objects that it can
+neither close nor forget, and brings the whole process down at its end. So it writes through a guarded disk,
+which never refuses; whether the disk has it is asked of that.
 
 Values stored contiguously lie at one place of the file and carry no checksum of the library's, so
 `write_in_place` writes them like any bytes: one write each, which either fails or is done. Readers that have
@@ -12,15 +11,18 @@ the file open are not disturbed.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import io
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from fieldkit.disk import BEGIN_BYTES, Patience, begin_sync, write_all
 from fieldkit.model.arrays import AnyArray
 from fieldkit.sessions.file_tree import LIBVER
 
@@ -34,8 +36,7 @@ def write_in_place(path: Path, values: Mapping[str, Any]) -> None:
         places = {name: _place(file[name], value) for name, value in values.items()}
     with path.open("r+b", buffering=0) as target:
         for offset, data in places.values():
-            if os.pwrite(target.fileno(), data, offset) < len(data):
-                raise OSError(f"{path} took only a part of a value")
+            write_all(target.fileno(), memoryview(data), offset)
         os.fsync(target.fileno())
 
 
@@ -55,15 +56,91 @@ def write_new(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-class GuardedFile:
-    """An existing session file open for writing; ``with GuardedFile(path) as file`` gives the h5py file."""
+class GuardedDisk(io.RawIOBase):
+    """A file as the HDF5 library may write it: nothing that it asks for ever fails.
+
+    What the disk refuses is asked of it again for a while. From the first `error` on the disk gets nothing
+    more, and what is written stays in memory.
+    """
 
     def __init__(self, path: Path) -> None:
-        self._path = path.resolve()
-        # Not locked for HDF5: a reader that follows the recording must not keep it from being sealed.
-        # Against a second writer there is the session's own lock.
-        self.file: Any = h5py.File(path, "r+", libver=LIBVER, locking=False)
-        self._descriptor: int = self.file.id.get_vfd_handle()
+        self.error: OSError | None = None
+        self.places: dict[int, int] = {}
+        """Offset of the last write of each size: where a chunk that was just written lies."""
+        self._descriptor = os.open(path, os.O_RDWR)
+        self._patience = Patience()
+        self._position, self._size = 0, os.fstat(self._descriptor).st_size
+        self._begun = self._size
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Move; returns the new position."""
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
+        self._position = base + offset
+        return self._position
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """Fill the buffer; what the disk does not give is zeros, which HDF5 takes for damage."""
+        view, at = memoryview(buffer).cast("B"), self._position
+        data = self._ask(lambda: os.pread(self._descriptor, len(view), at)) or b""
+        view[:] = data.ljust(len(view), b"\0")
+        for start, unwritten in self._unwritten:
+            first, last = max(at, start), min(at + len(view), start + len(unwritten))
+            if first < last:
+                view[first - at : last - at] = unwritten[first - start : last - start]
+        self._position += len(view)
+        return len(view)
+
+    def write(self, data: memoryview) -> int:  # type: ignore[override]
+        """Write everything."""
+        at, size = self._position, len(data)
+        self._ask(lambda: write_all(self._descriptor, data, at))
+        if self.error is not None:
+            self._unwritten.append((at, bytes(data)))
+        self.places[size] = at
+        self._position = at + size
+        self._size = max(self._size, self._position)
+        if self._size - self._begun >= BEGIN_BYTES:
+            begin_sync(self._descriptor, self._begun, self._size - self._begun)
+            self._begun = self._size
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut off or extend; the size is always given."""
+        self._size = size or 0
+        self._ask(lambda: os.ftruncate(self._descriptor, self._size))
+        return self._size
+
+    def _ask(self, act: Callable[[], Any]) -> Any:
+        if self.error is None:
+            try:
+                return self._patience(act)
+            except OSError as error:
+                self.error = error
+        return None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if not self.closed:
+            os.close(self._descriptor)
+        super().close()
+
+
+class GuardedFile:
+    """An existing session file open for writing; ``with GuardedFile(path) as file`` gives the h5py file.
+
+    It is not locked for HDF5: a reader that follows the recording must not keep it from being sealed. Against
+    a second writer there is the session's own lock.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.disk = GuardedDisk(path)
+        try:
+            self.file: Any = h5py.File(self.disk, "r+", libver=LIBVER)
+        except BaseException:
+            self.disk.close()
+            raise
+        atexit.register(self.discard)  # HDF5 would write through the disk when there is no Python any more
 
     def __enter__(self) -> h5py.File:
         return self.file
@@ -74,31 +151,23 @@ class GuardedFile:
         else:
             self.discard()
 
+    def flush(self) -> None:
+        """Give the disk everything; raises `OSError` where it has not taken it."""
+        self.file.flush()
+        if self.disk.error is not None:
+            raise self.disk.error
+
     def close(self) -> None:
-        """Close; a second call does nothing. Raises `OSError` where the disk takes no more."""
-        if not self.file:
-            return
-        try:
-            self.file.flush()
+        """Close; a second call does nothing. Raises `OSError` where the disk has not taken everything."""
+        if self.file:
             self.file.close()
-        except (OSError, RuntimeError) as error:
-            self.discard()
-            raise OSError(f"{self._path.name} could not be closed: {error}") from error
+            self.disk.close()
+            atexit.unregister(self.discard)
+            if self.disk.error is not None:
+                raise self.disk.error
 
     def discard(self) -> None:
         """Close, what is not yet on the disk going nowhere."""
-        self._detach()
-        if self.file:
-            with contextlib.suppress(OSError, RuntimeError):
-                self.file.close()
-
-    def _detach(self) -> None:
-        """Let the library's descriptor stand for memory, if it still stands for our file."""
-        try:
-            if os.readlink(f"/proc/self/fd/{self._descriptor}") != str(self._path):
-                return
-            memory = os.memfd_create("discarded")
-        except OSError:
-            return
-        os.dup2(memory, self._descriptor)
-        os.close(memory)
+        self.disk.error = self.disk.error or OSError("discarded")
+        with contextlib.suppress(OSError, RuntimeError):
+            self.close()

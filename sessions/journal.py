@@ -124,8 +124,11 @@ class Journal:
         return self._full_bytes + sum(log.size for log in (self._part, self._kept, self._confirmed))
 
     def is_there(self) -> bool:
-        """True if the part that takes the records now was not deleted."""
-        return self.part_path(self.number).exists()
+        """True if the part that takes the records now was not deleted, or no disk can say so."""
+        try:
+            return self.part_path(self.number).exists()
+        except OSError:
+            return True
 
     def append(self, record: Record) -> tuple[int, int | None]:
         """Write one record; its number, from 0 without gaps, and a sample's checksum."""

@@ -18,9 +18,12 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 
 from isal.isal_zlib import crc32
+
+from fieldkit.disk import Patience
 
 MAGIC = b"\xf5fkL"  # no byte of UTF-8 text begins with F5
 _FIXED = struct.Struct("<4sIHHHII")
@@ -89,7 +92,7 @@ class LogWriter:
     def __init__(self, path: Path, session: int) -> None:
         self.path = path
         self.size: int = 0
-        self._session = session
+        self._session, self._patience = session, Patience()
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
     def append(self, kind: Kind, stream: int, counts: Sequence[int], *payload: bytes | memoryview) -> None:
@@ -100,7 +103,7 @@ class LogWriter:
         length = sum(map(len, payload))
         head = _FIXED.pack(MAGIC, self._session, kind, stream, len(counts), length, crc)
         head += struct.pack(f"<{len(counts)}Q", *counts)
-        self._write([head + _CRC.pack(crc32(head)), *payload])
+        self._patience(partial(self._write, [head + _CRC.pack(crc32(head)), *payload]))
 
     def _write(self, parts: list[bytes | memoryview]) -> None:
         whole = sum(map(len, parts))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from fieldkit.disk import put_in_place
+from fieldkit.disk import Patience, put_in_place
 from fieldkit.model.errors import (
     FormatError,
     IntegrityError,
@@ -88,7 +88,7 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     if complete is not None and not journal_path(path).exists():
         return complete  # also where nothing can be written
     try:
-        return _recover_locked(path, notes)
+        return Patience()(partial(_recover_locked, path, notes))
     except OSError as error:
         raise StorageError(
             f"the session {path} could not be recovered: {error.strerror or error}",

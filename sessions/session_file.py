@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ class SessionFile:
 
     def _begin(self, identity: SessionIdentity, pool: Executor, *, swmr: bool) -> None:
         streams = self._header.streams
-        self._streams = {info.name: _Stream(self._file[info.name], info, pool) for info in streams}
+        places = self._guarded.disk.places
+        self._streams = {info.name: _Stream(self._file[info.name], info, pool, places) for info in streams}
         self._tables = {
             name: TableWriter(self._file[name], columns, fitting_column)
             for name, columns in entry_columns(self._header).items()
@@ -95,7 +96,7 @@ class SessionFile:
         chunks = [chunk for stream in self._streams.values() for chunk in stream.write(force=everything)]
         for table in self._tables.values():
             table.write()
-        self._file.flush()
+        self._guarded.flush()
         return chunks
 
     def sync(self) -> None:
@@ -131,10 +132,10 @@ class SessionFile:
 class _Stream:
     """One stream of samples: its columns and, of a camera, its blocks."""
 
-    def __init__(self, group: h5py.Group, info: Any, pool: Executor) -> None:
+    def __init__(self, group: h5py.Group, info: Any, pool: Executor, places: Mapping[int, int]) -> None:
         self._table = TableWriter(group, stream_columns(info))
         names = [name for name in FRAME_DATASETS if name in group]
-        self._writers = [FrameWriter(group[name], pool) for name in names]
+        self._writers = [FrameWriter(group[name], pool, places) for name in names]
         self._raw_width = raw_width(info)
         self._waiting: list[dict[str, Any]] = []
         self._waiting_since = 0.0

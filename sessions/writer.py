@@ -21,11 +21,12 @@ import shutil
 import threading
 import uuid
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from fieldkit.disk import sync
+from fieldkit.disk import Patience, sync
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import (
@@ -173,8 +174,8 @@ class SessionWriter:
     # --- the end
 
     def release_reserve(self) -> None:
-        """Give back the room that was kept for the end; raises `OSError`."""
-        (self._folder / "reserve").unlink(missing_ok=True)
+        """Give back the room that was kept for the end; if it cannot be freed, sealing reports it."""
+        _delete(self._folder / "reserve")
 
     def close(self) -> SealReport:
         """Complete, verify and seal the session, then let its journal go; a second call does nothing.
@@ -185,8 +186,8 @@ class SessionWriter:
         if self._report is None:
             self._stop()
             try:
-                self.release_reserve()
-                self._report = self._seal()
+                complete = self._finish_file(self._clock.to_utc_ns(self._clock.mono_ns()))
+                self._report = Patience()(partial(self._seal, complete))
             except (OSError, RuntimeError, FieldkitError, ValueError, OverflowError) as error:
                 raise self._not_sealed(error) from error
             finally:
@@ -221,9 +222,7 @@ class SessionWriter:
         self._file_thread.join()
         self._journal.close()
 
-    def _seal(self) -> SealReport:
-        end_ns = self._clock.to_utc_ns(self._clock.mono_ns())
-        complete = self._finish_file(end_ns)
+    def _seal(self, complete: bool) -> SealReport:
         if not self._journal.is_there():
             self._folder.mkdir(exist_ok=True)  # so that it is seen to be interrupted
             raise IntegrityError("its journal was deleted while it was recorded")
@@ -244,6 +243,7 @@ class SessionWriter:
     def _finish_file(self, end_ns: int) -> bool:
         """Complete the file; False if it must be made again from the journal."""
         try:
+            self.release_reserve()
             if self._file_thread.error is None:
                 self._file_thread.file.finish(end_ns)
                 return True

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import InitVar, dataclass, field
 from functools import partial
 from itertools import chain
@@ -241,8 +241,7 @@ class Recorder:
         Raises `StorageError` if an answer cannot be stored even in the space reserved for the end: the
         session is then left to recovery, which reads the request.
         """
-        with suppress(OSError):  # an event may need the space; if it cannot be freed, closing reports it
-            self.writer.release_reserve()
+        self.writer.release_reserve()  # an event may need the space
         if not self.carry_out(self.last_requests()):
             raise StorageError(
                 f"the last marks could not be stored in {self.writer.path}; they are kept beside it",

@@ -17,11 +17,11 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Sample, Severity
 
 Item = Sample | Event | Future[Minute]
-QUEUED_S, QUEUED_BYTES, MIN_QUEUED = 3.0, 32_000_000, 64
+QUEUED_S, QUEUED_BYTES, MIN_QUEUED = 5.0, 32_000_000, 64
 
 
 def queue_limit(info: StreamInfo) -> int:
-    """Maximum number of queued samples of a stream: 3 s, 32 MB or 64 samples, whichever is most."""
+    """Maximum number of queued samples of a stream: 5 s, 32 MB or 64 samples, whichever is most."""
     sample_bytes = 1000 + 2 * math.prod(info.shape)
     return max(MIN_QUEUED, round(QUEUED_S * info.rate_hz), QUEUED_BYTES // sample_bytes)
 

@@ -6,40 +6,49 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+import fieldkit.disk
 from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.sessions.check import check
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import disk
-from tests.harness.faulty_recorder import HEADER
+from tests.harness.faulty_recorder import HEADER, LATER, Task
 from tests.harness.recording import CountedClock, header, same, sample
 
-ONCE, FOR_EVER, SHORT_WRITE = 0, 1, 2
-AT_ONCE = 50
+WRITES, HALVES, SYNCS, GONE = range(4)  # as in disk.c
 WAYS = [
-    (errno.ENOSPC, ONCE), (errno.ENOSPC, FOR_EVER), (errno.ENOSPC, SHORT_WRITE), (errno.EIO, ONCE),
-    (errno.EIO, FOR_EVER),
+    (errno.ENOSPC, WRITES), (errno.ENOSPC, HALVES), (errno.EROFS, WRITES), (errno.EIO, WRITES),
+    (errno.EIO, SYNCS), (errno.EIO, GONE),
 ]  # fmt: skip
+FOR_EVER = 0
+STUMBLES_MS = (10, 300)  # 0.1 s and 3 s, in the recorder's hurry
+AT_ONCE = 50
 
 
-def outcomes(folder: Path, error: int, how: int, chosen: list[int]) -> list[dict[str, object]]:
-    words = ("fail", str(folder / "disk"), str(error), str(how), *map(str, chosen))
-    done = disk.run_watched(folder, "-m", "tests.harness.faulty_recorder", *words)
-    assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines()]
+def outcomes(
+    folder: Path, task: Task, error: int, how: int, milliseconds: int, chosen: Iterable[int]
+) -> list[dict[str, object]]:
+    words = ("fail", str(folder / "disk"), task, *map(str, (error, how, milliseconds, *chosen)))
+    process = disk.run_watched(folder, "-m", "tests.harness.faulty_recorder", *words)
+    assert process.returncode == 0, process.stderr
+    return [json.loads(line) for line in process.stdout.splitlines()]
 
 
-def check_kept(folder: Path, outcome: dict[str, object]) -> None:
+def check_kept(folder: Path, task: Task, outcome: dict[str, object], *, survives: bool) -> None:
     """Whatever failed: an ordinary end, and every stored sample is there and right."""
     path = folder / f"kept-{outcome['n']}" / "field.h5"
     assert outcome["status"] == 0, f"the process did not end in order: {outcome}"
-    assert str(outcome["outcome"]) in ("sealed", "stopped", "StorageError 6"), outcome
+    assert not survives or outcome["outcome"] == "whole", outcome
+    assert str(outcome["outcome"]) in ("whole", "stopped", "StorageError 6", "SessionError 3"), outcome
     if not path.exists() and not journal_path(path).exists():
         assert outcome["stored"] == 0
         return
@@ -49,28 +58,29 @@ def check_kept(folder: Path, outcome: dict[str, object]) -> None:
         assert outcome["stored"] == 0  # it failed before there was a session
         return
     with open_session(path) as session:
-        found = list(session.samples())
-    assert len(found) >= int(str(outcome["stored"]))
-    assert all(same(item, sample(HEADER.stream(item.stream), item.seq)) for item in found)
+        samples, marks = list(session.samples()), [event.text for event in session.events()]
+    assert len(samples) >= int(str(outcome["stored"]))
+    assert all(same(item, sample(HEADER.stream(item.stream), item.seq)) for item in samples)
+    assert (LATER in marks) == (task is Task.ADD and outcome["outcome"] == "whole")
+    assert [finding for finding in check(path) if finding.level == "fail"] == []
 
 
-def total(folder: Path) -> int:
-    """How many changes an undisturbed recording makes, about."""
-    (undisturbed,) = outcomes(folder, 0, ONCE, [10**9])
-    assert undisturbed["outcome"] == "sealed"
+@cache
+def total(task: Task) -> int:
+    """How many changes a task makes on an undisturbed disk, about."""
+    with tempfile.TemporaryDirectory() as folder:
+        (undisturbed,) = outcomes(Path(folder), task, 0, WRITES, FOR_EVER, [10**9])
+    assert undisturbed["outcome"] == "whole"
     return int(str(undisturbed["changes"]))
 
 
-@pytest.fixture(scope="module")
-def changes(tmp_path_factory):
-    return total(tmp_path_factory.mktemp("undisturbed"))
-
-
-@pytest.mark.parametrize(("error", "how"), WAYS[1:4])  # and all five at every write, below
-def test_failure_at_some_writes(tmp_path, changes, error, how):
-    chosen = [1 + changes * n // 3 for n in range(3)]
-    for outcome in outcomes(tmp_path, error, how, chosen):
-        check_kept(tmp_path, outcome)
+@pytest.mark.parametrize(
+    ("error", "how", "milliseconds"), [(*WAYS[1], STUMBLES_MS[1]), (*WAYS[5], FOR_EVER)]
+)  # and all, at every write, below
+@pytest.mark.parametrize("task", Task)
+def test_failure_at_some_write(tmp_path, task, error, how, milliseconds):
+    for outcome in outcomes(tmp_path, task, error, how, milliseconds, [1 + total(task) // 3]):
+        check_kept(tmp_path, task, outcome, survives=milliseconds != FOR_EVER)
 
 
 @pytest.fixture
@@ -85,18 +95,19 @@ def quick_disk(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("milliseconds", [*STUMBLES_MS, FOR_EVER])
 @pytest.mark.parametrize(("error", "how"), WAYS)
-def test_failure_at_every_write(quick_disk, error, how):
+@pytest.mark.parametrize("task", Task)
+def test_failure_at_every_write(quick_disk, task, error, how, milliseconds):
     def fail_at(start: int) -> None:
         folder = quick_disk / str(start)
         folder.mkdir()
-        for outcome in outcomes(folder, error, how, list(range(start, start + AT_ONCE))):
-            check_kept(folder, outcome)
+        for outcome in outcomes(folder, task, error, how, milliseconds, range(start, start + AT_ONCE)):
+            check_kept(folder, task, outcome, survives=milliseconds != FOR_EVER)
         shutil.rmtree(folder)
 
-    changes = total(quick_disk)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(fail_at, range(1, changes + 20, AT_ONCE)))
+        list(pool.map(fail_at, range(1, total(task) + 20, AT_ONCE)))
 
 
 def fill_up(writer: SessionWriter, stream: int, count: int) -> int:
@@ -120,7 +131,8 @@ def finished(writer: SessionWriter, place: Path, elsewhere: Path) -> Path:
     return place / "field.h5"
 
 
-def test_full_small_disk_keeps_everything_that_was_stored(tmp_path):
+def test_full_small_disk_keeps_everything_that_was_stored(tmp_path, monkeypatch):
+    monkeypatch.setattr(fieldkit.disk, "PATIENCE_S", 0.1)  # a full disk stays full
     head = header((120, 160))
     with disk.small_disk(tmp_path, "12m") as place:
         writer = SessionWriter(place / "field.h5", head, CountedClock())

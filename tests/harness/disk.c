@@ -3,8 +3,9 @@
  * Loaded with LD_PRELOAD. FAULTY_ROOT: only files below this folder. FAULTY_LOG: record every change there,
  * in order, as   kind u8 | path length u16 | path | offset i64 | length i64 | data.
  * Kinds: W write, T truncate, B sync begins, E sync ended well, U unlink, R rename (data: new name).
- * faulty_arm(n, error, how): the n-th change fails with errno `error`; how 0 once, 1 for ever, 2 once after
- * half of its bytes were written. faulty_count() tells how many changes there were.
+ * faulty_arm(n, error, how, ms): from the n-th change on changes fail with errno `error`, for so many
+ * milliseconds, 0 for ever. `how` is WRITES: all changes; HALVES: writes take half of their bytes before they
+ * fail; SYNCS: only syncs; GONE: files cannot be opened nor read either. faulty_count() counts the changes.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -12,17 +13,22 @@
 #include <fcntl.h>
 #include <limits.h>
 #include <pthread.h>
+#include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/sendfile.h>
+#include <sys/stat.h>
 #include <sys/types.h>
 #include <sys/uio.h>
+#include <time.h>
 #include <unistd.h>
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static int log_fd = -1;
-static long changes, fail_at, fail_error, fail_how;
+enum { WRITES, HALVES, SYNCS, GONE };
+static long changes, fail_at, fail_error, fail_how, fail_ms, failing_since;
 
 #define REAL(type, name, ...) \
     static type (*real)(__VA_ARGS__); \
@@ -33,8 +39,8 @@ static ssize_t raw_write(int fd, const void *data, size_t size) {
     return real(fd, data, size);
 }
 
-void faulty_arm(long n, long error, long how) {
-    changes = 0; fail_at = n; fail_error = error; fail_how = how;
+void faulty_arm(long n, long error, long how, long ms) {
+    changes = failing_since = 0; fail_at = n; fail_error = error; fail_how = how; fail_ms = ms;
 }
 
 long faulty_count(void) { return changes; }
@@ -67,12 +73,25 @@ static void record(char kind, const char *path, int64_t offset, const void *data
     if (data) raw_write(log_fd, data, size);
 }
 
-/* Whether this change shall fail; counts it. */
-static int fails(void) {
-    changes++;
-    if (!fail_at) return 0;
-    return fail_how == 1 ? changes >= fail_at : changes == fail_at;
+static long now_ms(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
+
+/* Whether the disk fails now. */
+static int is_failing(void) {
+    return failing_since && (!fail_ms || now_ms() < failing_since + fail_ms);
+}
+
+/* Whether this change shall fail; counts it. */
+static int fails(int is_sync) {
+    if (++changes == fail_at) failing_since = now_ms();
+    return is_failing() && (is_sync || fail_how != SYNCS);
+}
+
+/* Whether opening or reading shall fail, of a disk that is gone. */
+static int is_gone(void) { return fail_how == GONE && is_failing(); }
 
 static ssize_t put(int fd, const void *data, size_t size, off_t offset, int positioned) {
     REAL(ssize_t, "pwrite64", int, const void *, size_t, off_t);
@@ -81,11 +100,11 @@ static ssize_t put(int fd, const void *data, size_t size, off_t offset, int posi
     pthread_mutex_lock(&lock);
     if (!positioned) offset = lseek(fd, 0, SEEK_CUR);
     ssize_t done = -1;
-    int failing = fails();
-    if (failing && fail_how != 2) {
+    int failing = fails(0);
+    if (failing && (fail_how != HALVES || size < 2)) {
         errno = fail_error;
     } else {
-        if (failing && size > 1) size /= 2;
+        if (failing) size /= 2;
         done = positioned ? real(fd, data, size, offset) : raw_write(fd, data, size);
         int saved = errno;
         if (done > 0) record('W', path, offset, data, done);
@@ -119,7 +138,7 @@ static int cut(int fd, off_t size) {
     if (!path_of(fd, path)) return real(fd, size);
     pthread_mutex_lock(&lock);
     int done = -1;
-    if (fails()) errno = fail_error;
+    if (fails(0)) errno = fail_error;
     else if ((done = real(fd, size)) == 0) record('T', path, size, NULL, 0);
     pthread_mutex_unlock(&lock);
     return done;
@@ -133,7 +152,7 @@ static int keep(int fd, const char *name) {
     char path[PATH_MAX];
     if (!path_of(fd, path)) return real(fd);
     pthread_mutex_lock(&lock);
-    int failing = fails();
+    int failing = fails(1);
     record('B', path, 0, NULL, 0);
     pthread_mutex_unlock(&lock);
     if (failing) { errno = fail_error == ENOSPC ? EIO : fail_error; return -1; }
@@ -149,18 +168,68 @@ int fdatasync(int fd) { return keep(fd, "fdatasync"); }
 
 int unlink(const char *path) {
     REAL(int, "unlink", const char *);
+    if (!below_root(path)) return real(path);
     pthread_mutex_lock(&lock);
-    int done = real(path);
-    if (done == 0 && below_root(path)) record('U', path, 0, NULL, 0);
+    int done = -1;
+    if (fails(0)) errno = fail_error;
+    else if ((done = real(path)) == 0) record('U', path, 0, NULL, 0);
     pthread_mutex_unlock(&lock);
     return done;
 }
 
 int rename(const char *from, const char *to) {
     REAL(int, "rename", const char *, const char *);
+    if (!below_root(from)) return real(from, to);
     pthread_mutex_lock(&lock);
-    int done = real(from, to);
-    if (done == 0 && below_root(from)) record('R', from, 0, to, strlen(to));
+    int done = -1;
+    if (fails(0)) errno = fail_error;
+    else if ((done = real(from, to)) == 0) record('R', from, 0, to, strlen(to));
     pthread_mutex_unlock(&lock);
     return done;
+}
+
+int open64(const char *path, int flags, ...) {
+    REAL(int, "open64", const char *, int, ...);
+    va_list more;
+    va_start(more, flags);
+    int mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(more, int) : 0;
+    va_end(more);
+    if (below_root(path)) {
+        pthread_mutex_lock(&lock);
+        int failing = flags & (O_CREAT | O_TRUNC) ? fails(0) : is_gone();
+        pthread_mutex_unlock(&lock);
+        if (failing) { errno = fail_error; return -1; }
+    }
+    return real(path, flags, mode);
+}
+
+ssize_t sendfile64(int to, int from, off_t *offset, size_t size) {
+    REAL(ssize_t, "sendfile64", int, int, off_t *, size_t);
+    char path[PATH_MAX];
+    if (!path_of(to, path)) return real(to, from, offset, size);
+    pthread_mutex_lock(&lock);
+    int failing = fails(0);
+    pthread_mutex_unlock(&lock);
+    if (failing) { errno = fail_error; return -1; }
+    return real(to, from, offset, size);
+}
+
+ssize_t pread64(int fd, void *data, size_t size, off_t offset) {
+    REAL(ssize_t, "pread64", int, void *, size_t, off_t);
+    char path[PATH_MAX];
+    if (is_gone() && path_of(fd, path)) { errno = fail_error; return -1; }
+    return real(fd, data, size, offset);
+}
+
+ssize_t read(int fd, void *data, size_t size) {
+    REAL(ssize_t, "read", int, void *, size_t);
+    char path[PATH_MAX];
+    if (is_gone() && path_of(fd, path)) { errno = fail_error; return -1; }
+    return real(fd, data, size);
+}
+
+int stat64(const char *path, struct stat64 *about) {
+    REAL(int, "stat64", const char *, struct stat64 *);
+    if (is_gone() && below_root(path)) { errno = fail_error; return -1; }
+    return real(path, about);
 }

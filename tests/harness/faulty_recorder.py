@@ -1,9 +1,9 @@
 """A recording for `disk`: many small syncs, parts and flushes in a short time.
 
 ``python -m tests.harness.faulty_recorder record FOLDER`` records once; marks in FOLDER say
-how many samples a completed sync has covered. ``... fail FOLDER ERRNO HOW N N N`` records once
-for each N in a child process of its own, the N-th change of the disk failing, and prints what
-came of it.
+how many samples a completed sync has covered. ``... fail FOLDER TASK ERRNO HOW MS N N N`` does a task once
+for each N in a child process of its own, the disk failing from its N-th change on as `disk.c` describes,
+and prints what came of it.
 """
 
 from __future__ import annotations
@@ -16,23 +16,34 @@ import shutil
 import struct
 import sys
 import time
+from collections.abc import Iterator
+from enum import StrEnum
 from pathlib import Path
 
+from fieldkit import disk
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.sessions import chunks, journal, session_file, writer
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.sessions import guarded_file, journal, session_file, writer
+from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.journal import Journal
+from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
 
 HEADER = header((24, 32))
 FRAMES = 60
 MARKS = "marks"
+LATER = "seen later"
 
 
 def hurry() -> None:
-    """Everything that happens each second or each few hundred megabytes happens all the time."""
+    """Everything that happens each second or each few hundred megabytes happens all the time.
+
+    Seconds of a failing disk are a tenth.
+    """
+    disk.PATIENCE_S, disk.RETRY_EVERY_S = disk.PATIENCE_S / 10, disk.RETRY_EVERY_S / 10
     journal.SYNC_EVERY_S = 0.02
-    chunks.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
+    guarded_file.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
     writer.RESERVE_BYTES = 100_000
     session_file.FLUSH_EVERY_S = 0.01
     session_file.SYNC_EVERY_S = 0.05
@@ -51,16 +62,23 @@ def mark_syncs(marks: int) -> None:
     Journal.confirm = marked  # type: ignore[method-assign]
 
 
+def append(session: SessionWriter, pause_s: float = 0.0) -> Iterator[int]:
+    """Append `FRAMES` frames and a reading with each fifth, counting what was stored."""
+    stored = 0
+    for seq in range(FRAMES):
+        for info in HEADER.streams[:2] if seq % 5 == 0 else HEADER.streams[:1]:
+            session.append(sample(info, seq if info.is_camera else seq // 5))
+            yield (stored := stored + 1)
+        time.sleep(pause_s)  # syncs, flushes and samples take turns, as in a field
+
+
 def record(path: Path, pause_s: float = 0.004) -> int:
-    """Record `FRAMES` frames and a reading with each fifth; returns how many samples were stored."""
+    """Record and seal; returns how many samples were stored, which is the status if the disk stops that."""
     session = SessionWriter(path, HEADER, CountedClock())
     stored = 0
     try:
-        for seq in range(FRAMES):
-            for info in HEADER.streams[:2] if seq % 5 == 0 else HEADER.streams[:1]:
-                session.append(sample(info, seq if info.is_camera else seq // 5))
-                stored += 1
-            time.sleep(pause_s)  # syncs, flushes and samples take turns, as in a field
+        for count in append(session, pause_s):
+            stored = count
     except StorageError:
         with contextlib.suppress(StorageError):
             session.close()
@@ -69,37 +87,68 @@ def record(path: Path, pause_s: float = 0.004) -> int:
     return stored
 
 
-def fail(folder: Path, error: int, how: int, chosen: list[int]) -> None:
+class Task(StrEnum):
+    """What is under way when the disk fails."""
+
+    RECORD = "record"
+    SEAL = "seal"
+    RECOVER = "recover"
+    ADD = "add"
+
+
+def fail(folder: Path, task: Task, error: int, how: int, milliseconds: int, chosen: list[int]) -> None:
     """One child for each chosen change; prints a JSON line of what it stored and how it ended."""
+    before = folder.with_name("before")
+    before.mkdir()
+    if task is Task.ADD:
+        record(before / "field.h5", pause_s=0.0)
+    elif task is Task.RECOVER:
+        _interrupt(before / "field.h5")
     for number in chosen:
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
+        shutil.copytree(before, folder)
         progress = folder.parent / "progress"
         progress.unlink(missing_ok=True)
         child = os.fork()
         if child == 0:
-            _child(folder, progress, error, how, number)
+            _child(folder / "field.h5", task, progress, (number, error, how, milliseconds))
         _, status = os.waitpid(child, 0)
-        told = json.loads(progress.read_text()) if progress.exists() else {}
-        print(json.dumps({"n": number, "status": status, **told}), flush=True)
-        kept = folder.parent / f"kept-{number}"
-        shutil.rmtree(kept, ignore_errors=True)
-        shutil.move(folder, kept)
+        outcome = json.loads(progress.read_text()) if progress.exists() else {}
+        print(json.dumps({"n": number, "status": status, **outcome}), flush=True)
+        remains = folder.parent / f"kept-{number}"
+        shutil.rmtree(remains, ignore_errors=True)
+        shutil.move(folder, remains)
 
 
-def _child(folder: Path, progress: Path, error: int, how: int, number: int) -> None:
+def _interrupt(path: Path) -> None:
+    session = SessionWriter(path, HEADER, CountedClock())
+    list(append(session))
+    session.abandon()
+
+
+def _child(path: Path, task: Task, progress: Path, failure: tuple[int, ...]) -> None:
     library = ctypes.CDLL(None)
-    stored, outcome = 0, "sealed"
-    library.faulty_arm(ctypes.c_long(number), ctypes.c_long(error), ctypes.c_long(how))
+    outcome, session, stored = "whole", None, 0
+    if task is Task.SEAL:
+        session = SessionWriter(path, HEADER, CountedClock())
+        stored = max(append(session))
+    library.faulty_arm(*map(ctypes.c_long, failure))
     try:
-        stored = record(folder / "field.h5", pause_s=0.0005)
+        if session is not None:
+            session.close()
+        elif task is Task.RECORD:
+            stored = record(path, pause_s=0.0005)
+        elif task is Task.RECOVER:
+            recover(path)
+        else:
+            add_later_events(path, [Event(EventKind.MARK, 0, 0, LATER)])
     except SystemExit as end:
         stored, outcome = int(str(end.code)), "stopped"
-    except FieldkitError as failure:
-        outcome = f"{type(failure).__name__} {failure.exit_code}"
-        stored = FRAMES + FRAMES // 5 if "sealed" in failure.message else 0
+    except FieldkitError as problem:
+        outcome = f"{type(problem).__name__} {problem.exit_code}"
+        stored = FRAMES + FRAMES // 5 if "sealed" in problem.message else stored
     count = library.faulty_count()
-    library.faulty_arm(ctypes.c_long(0), ctypes.c_long(0), ctypes.c_long(0))
+    library.faulty_arm(*map(ctypes.c_long, (0, 0, 0, 0)))
     progress.write_text(json.dumps({"stored": stored, "outcome": outcome, "changes": count}))
     sys.exit(0)  # an ordinary end, with everything that libraries do at exit
 
@@ -107,13 +156,14 @@ def _child(folder: Path, progress: Path, error: int, how: int, number: int) -> N
 def main() -> None:
     """See the module."""
     hurry()
-    what, folder = sys.argv[1], Path(sys.argv[2])
-    if what == "record":
+    if sys.argv[1] == "record":
+        folder = Path(sys.argv[2])
         folder.mkdir(exist_ok=True)
         mark_syncs(os.open(folder / MARKS, os.O_RDWR | os.O_CREAT))
         print(record(folder / "field.h5"))
     else:
-        fail(folder, int(sys.argv[3]), int(sys.argv[4]), [int(word) for word in sys.argv[5:]])
+        error, how, milliseconds, *chosen = map(int, sys.argv[4:])
+        fail(Path(sys.argv[2]), Task(sys.argv[3]), error, how, milliseconds, chosen)
 
 
 if __name__ == "__main__":

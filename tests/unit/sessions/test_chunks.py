@@ -1,6 +1,7 @@
 """Direct chunks must be exactly what HDF5's own filters make, or nobody else could read them."""
 
 import zlib
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 
 import h5py
@@ -11,6 +12,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.chunks import FrameWriter, TableWriter, is_packed, pack, read_block, unpack
 from fieldkit.sessions.file_tree import put_columns, put_frames
 from fieldkit.sessions.formats.purethermal_files import read_purethermal
+from fieldkit.sessions.guarded_file import GuardedDisk
 from fieldkit.sessions.layout import Column, chunk_shape
 from tests.shared_data import shared
 
@@ -24,9 +26,9 @@ def test_the_hdf5_library_reads_the_blocks_of_a_large_camera(tmp_path):
     frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
-        writer = FrameWriter(dataset, pool)
-        for number, one in enumerate(frames, 1):
-            writer.put(one)
+        writer = FrameWriter(dataset, pool, defaultdict(int))
+        for number, frame in enumerate(frames, 1):
+            writer.put(frame)
             if writer.is_full or number == len(frames):
                 writer.write()
         assert np.array_equal(dataset[:], frames)
@@ -87,7 +89,7 @@ def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path):
     info = camera(120, 160, 9.0)
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
-        writer, size = FrameWriter(dataset, pool), 0
+        writer, size = FrameWriter(dataset, pool, defaultdict(int)), 0
         for one in frames[: len(frames) // writer.depth * writer.depth]:
             writer.put(one)
             if writer.is_full:
@@ -98,12 +100,14 @@ def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path):
 def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path):
     frames = np.random.default_rng(2).integers(29_000, 29_050, (20, 120, 160)).astype("<u2")
     path = tmp_path / "blocks.h5"
-    with h5py.File(path, "w", libver=("v110", "v110")) as file, ThreadPoolExecutor(2) as pool:
+    path.touch()
+    disk = GuardedDisk(path)
+    with h5py.File(disk, "w", libver=("v110", "v110")) as file, ThreadPoolExecutor(2) as pool:
         dataset = file.create_dataset(
             "counts", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(9, 60, 80), fillvalue=65535,
             shuffle=True, compression="gzip", compression_opts=1,
         )  # fmt: skip
-        writer = FrameWriter(dataset, pool)
+        writer = FrameWriter(dataset, pool, disk.places)
         chunks = []
         for number, frame in enumerate(frames):
             writer.put(frame)
