@@ -31,6 +31,7 @@ from fieldkit.sessions.layout import (
     SessionHeader,
     decode_text,
     encode_text,
+    entry_columns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
@@ -40,6 +41,13 @@ _NUMBERS = (*SLOPE_FIELDS, "n_bins")
 _BY_REGION = ("residual_k", "autocorrelation")
 _TEXT_BYTES, _DATA_BYTES, _WHOLE_TEXT = 256, 1024, "whole_text"
 _PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected", "implausible")
+_ATTRIBUTES = {
+    "time": "time_ns",
+    "window_start": "window_start_ns",
+    "offset_error_ns": "error_ns",
+    "label": "name",
+}
+"""Attributes of an entry that are not called as their columns."""
 _HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
 
 
@@ -47,27 +55,31 @@ class EntryRows:
     """Converts entries to rows, for one session."""
 
     def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
+        self._columns = entry_columns(header)
         self._regions = {name: number for number, name in enumerate(header.region_names)}
         self._streams = {info.name: number for number, info in enumerate(header.streams)}
-        self._places = max(1, len(self._regions))
         self._anchor_ns = anchor_ns
 
     def rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
         """The rows of an entry, each with its table; their numbers may not fit: see `fitting_column`."""
         if isinstance(entry, MinuteRecord):
-            yield "irradiance", _irradiance_row(entry)
+            value, model = entry.irradiance_w_m2, entry.irradiance_model
+            yield "irradiance", self._row("irradiance", entry, value=value, model=model)
             for estimate in entry.estimates:
-                yield "estimates", {"time": entry.time_ns // 1000, **_estimate_row(estimate)}
+                yield "estimates", self._row("estimates", estimate, time=entry.time_ns)
             if entry.learnt is not None:
                 yield "learnt", self._learnt_row(entry.time_ns, entry.learnt)
         elif isinstance(entry, RegionRecord):
             yield "regions", self._region_row(entry)
         elif isinstance(entry, Event):
-            yield "events", _event_row(entry)
+            yield "events", _row(EVENT_COLUMNS, entry, data=stored_details(entry))
         elif isinstance(entry, Health):
             yield "health", self._health_row(entry)
         else:
-            yield "clock", self._clock_row(entry)
+            yield "clock", self._row("clock", entry, time=entry.mono_ns + self._anchor_ns)
+
+    def _row(self, table: str, entry: object, **values: Any) -> Row:
+        return _row(self._columns[table], entry, **values)
 
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
         row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
@@ -77,7 +89,7 @@ class EntryRows:
                 value = getattr(parameter, name)
                 column[place] = encode_text(value, 32) if isinstance(value, str) else value
         for name in _BY_REGION:
-            row[name] = np.full(self._places, np.nan)
+            row[name] = np.full(max(1, len(self._regions)), np.nan)
             for region, value in getattr(learnt, name).items():
                 if region in self._regions:  # of those drawn later there is no column
                     row[name][self._regions[region]] = value
@@ -89,29 +101,33 @@ class EntryRows:
         vertices[: len(region.vertices)] = region.vertices
         if region.points_m:
             vertices_m[: len(region.points_m)] = region.points_m
-        return {
-            "time": record.time_ns // 1000, "kind": int(region.kind),
-            "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
-            "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
-            "removed": int(record.is_removed), "vertices_m": vertices_m,
-            "camera": encode_text(region.camera, 64),
-        }  # fmt: skip
+        return self._row(
+            "regions", region, time=record.time_ns, removed=record.is_removed, vertices=vertices,
+            n_vertices=len(region.vertices), vertices_m=vertices_m,
+        )  # fmt: skip
 
     def _health_row(self, health: Health) -> Row:
-        row: Row = {name: getattr(health, name) for name in _HEALTH}
-        for name in _PER_STREAM:
-            row[name] = np.zeros(max(1, len(self._streams)), object)
-            for stream in health.streams:
-                if stream.stream in self._streams:
-                    row[name][self._streams[stream.stream]] = getattr(stream, name)
-        return {"time": health.time_ns // 1000, "mono_ns": health.mono_ns, **row}
+        counts: Row = {name: np.zeros(max(1, len(self._streams)), object) for name in _PER_STREAM}
+        for stream in health.streams:
+            if stream.stream in self._streams:
+                for name, values in counts.items():
+                    values[self._streams[stream.stream]] = getattr(stream, name)
+        return self._row("health", health, **counts)
 
-    def _clock_row(self, check: ClockCheck) -> Row:
-        return {
-            "time": (check.mono_ns + self._anchor_ns) // 1000, "mono_ns": check.mono_ns,
-            "utc_minus_mono_ns": check.utc_minus_mono_ns, "offset_error_ns": check.error_ns,
-            "suspended_ns": check.suspended_ns, "source": encode_text(check.source, 32),
-        }  # fmt: skip
+
+def _row(columns: Iterable[Column], entry: object, **values: Any) -> Row:
+    """The row of an entry: its attributes by the columns called alike, and the `values` of the others."""
+    row = {column.name: _ATTRIBUTES.get(column.name, column.name) for column in columns}
+    row = {
+        name: values[name] if name in values else getattr(entry, attribute) for name, attribute in row.items()
+    }
+    return {column.name: _stored(row[column.name], column) for column in columns}
+
+
+def _stored(value: Any, column: Column) -> Any:
+    if column.is_text and not isinstance(value, bytes):
+        return encode_text(str(value), np.dtype(column.dtype).itemsize)
+    return value // 1000 if column.attributes.get("units") == TIME_UNITS else value
 
 
 def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
@@ -127,33 +143,10 @@ def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
     return as_column(np.clip(np.array(values, object), lowest, highest), column)
 
 
-def _estimate_row(estimate: SlopeEstimate) -> Row:
-    return {
-        "region": encode_text(estimate.region, 64), **{name: getattr(estimate, name) for name in _NUMBERS},
-        "window_start": estimate.window_start_ns // 1000,
-        "state": estimate.state, "flags": int(estimate.flags),
-        "model": encode_text(estimate.model, 64), "reason": encode_text(estimate.reason, 160),
-    }  # fmt: skip
-
-
-def _irradiance_row(minute: MinuteRecord) -> Row:
-    return {
-        "time": minute.time_ns // 1000, "value": minute.irradiance_w_m2, "flags": int(minute.flags),
-        "model": encode_text(minute.irradiance_model, 64),
-    }  # fmt: skip
-
-
-def _event_row(event: Event) -> Row:
-    return {
-        "time": event.time_ns // 1000, "mono_ns": event.mono_ns, "kind": int(event.kind),
-        "severity": int(event.severity), "stream": encode_text(event.stream, 32),
-        "text": encode_text(str(event.text), _TEXT_BYTES), "data": stored_details(event),
-    }  # fmt: skip
-
-
 def event_columns(events: Sequence[Event]) -> Table:
     """The columns of a table of these events, text marked as UTF-8."""
-    rows, columns = [_event_row(event) for event in events], dict[str, AnyArray]()
+    rows = [_row(EVENT_COLUMNS, event, data=stored_details(event)) for event in events]
+    columns = dict[str, AnyArray]()
     for column in EVENT_COLUMNS:
         values = [row[column.name] for row in rows]
         text = h5py.string_dtype("utf-8", np.dtype(column.dtype).itemsize)

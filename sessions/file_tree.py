@@ -66,7 +66,6 @@ def _tree(file: h5py.File, identity: SessionIdentity) -> None:
         _stream_group(file, info)
     for name, columns in entry_columns(header).items():
         _entry_group(file, name, columns, header)
-    _masks(file, header)
     _config(file, header)
     # corrections of the clock are written afterwards and only when asked: data, not edits
     put_columns(put_group(file, "time_map", "NXcollection"), TIME_MAP_COLUMNS)
@@ -166,20 +165,6 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
         put_scale(group, "xy", labels(["x", "y"], 1))
         put_scale(group, "enu", labels(["east", "north", "up"], 5))
     put_columns(group, columns)
-
-
-def _masks(file: h5py.File, header: SessionHeader) -> None:
-    """Room for the masks, which are written at the end: which pixels of the first camera a region has."""
-    camera = next((info for info in header.streams if info.is_camera), None)
-    if camera is None:
-        return
-    group, (rows, cols) = file["regions"], camera.shape
-    put_scale(group, "region_name", labels(header.region_names, 64))
-    put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1")
-    put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1")
-    zeros = np.zeros((group["region_name"].size, rows, cols), "u1")
-    about = f"1 where a pixel of {camera.name} belongs to the region"
-    put_data(group, "mask", zeros, "region_name", "y", "x", long_name=about)
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:

@@ -43,12 +43,12 @@ RESERVED_NAMES = frozenset(
         "calibration", "config", "integrity", "time_map",
     )
 )  # fmt: skip
-"""Groups of the file itself; no stream may have such a name."""
+"""Groups of the file itself; no stream may have such a name, nor one with "_" first, as later groups have."""
 
 
 def is_stream_name(name: str) -> bool:
     """True if a stream of a session may have that name, which is its group's in the file."""
-    return bool(name) and name not in RESERVED_NAMES and "/" not in name and not name.startswith(".")
+    return bool(name) and name not in RESERVED_NAMES and "/" not in name and not name.startswith((".", "_"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +121,9 @@ def _check_stream(info: StreamInfo) -> None:
 
 
 def check_room(header: SessionHeader) -> None:
-    """Raise `ConfigError` if a file has no room for so many regions and their masks."""
-    pixels = max((math.prod(info.shape) for info in header.streams if info.is_camera), default=1)
-    count, most = len(header.region_names), min(MAX_REGIONS, MOST_BLOCK_BYTES // pixels)
-    if count > most:
-        raise ConfigError(f"{count} regions; a session has room for {most}", fix="remove some")
+    """Raise `ConfigError` if a file has no room for so many regions."""
+    if (count := len(header.region_names)) > MAX_REGIONS:
+        raise ConfigError(f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some")
 
 
 def check_region(region: Region) -> None:
@@ -284,7 +282,7 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
             _TIME,
             _column("value", "<f8", fill=np.nan, units="W m-2", long_name="direct irradiance"),
             _FLAGS,
-            Column("model", "S64"),
+            _column("model", "S64", long_name="model of the irradiance"),
         ],
         "estimates": _estimate_columns(),
         "learnt": [_TIME, *_learnt_columns(max(1, len(header.region_names)))],
@@ -293,12 +291,12 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
         "clock": [
             _TIME,
             _MONO,
-            _column("utc_minus_mono_ns", "<i8", units="ns"),
-            _column("offset_error_ns", "<i8", units="ns"),
+            _column("utc_minus_mono_ns", "<i8", units="ns", long_name="system clock less monotonic clock"),
+            _column("offset_error_ns", "<i8", units="ns", long_name="half the time that the comparison took"),
             _column("suspended_ns", "<i8", units="ns", long_name="time asleep since boot"),
-            Column("source", "S32"),
+            _column("source", "S32", long_name="source of UTC: system, gps, ntp, ptp, phone"),
         ],
-        "health": [_TIME, _MONO, *_health_columns(len(header.streams))],
+        "health": _health_columns(len(header.streams)),
     }
 
 
@@ -307,8 +305,8 @@ EVENT_COLUMNS = (
     _MONO,
     _column("kind", "u1", **meaning_attributes(EventKind, "what happened")),
     _column("severity", "u1", **meaning_attributes(Severity, "how bad it is")),
-    Column("stream", "S32"),
-    Column("text", "S256"),
+    _column("stream", "S32", long_name="stream that it is about; empty: the session"),
+    _column("text", "S256", long_name="words"),
     _column("data", "S1024", long_name="details, JSON"),
 )
 
@@ -328,9 +326,9 @@ TIME_MAP_COLUMNS = (
     _column("time", "<i8", units=TIME_UNITS, long_name="when this was written"),
     _column("mono_ns", "<i8", units="ns", long_name="holds from here on"),
     _column("add_ns", "<i8", units="ns", long_name="to be added to the time"),
-    _column("version", "<u2", units="1"),
+    _column("version", "<u2", units="1", long_name="the newest counts"),
     _ROW_CRC,
-    Column("reason", "S256"),
+    _column("reason", "S256", long_name="why the clock was corrected"),
 )
 """Corrections of the clock, written afterwards."""
 
@@ -347,8 +345,8 @@ def _estimate_columns() -> list[Column]:
         _column("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),
         _column("n_bins", "<i4", units="1", long_name="minutes used"),
         _FLAGS,
-        Column("model", "S64"),
-        Column("reason", "S160"),
+        _column("model", "S64", long_name="model of the estimate"),
+        _column("reason", "S160", long_name="why the state is not ok"),
     ]
 
 
@@ -378,12 +376,19 @@ def _region_columns() -> list[Column]:
     return [
         _TIME,
         _column("kind", "u1", **meaning_attributes(RegionKind, "what the region is for")),
-        _column("emissivity", "<f8", fill=np.nan, units="1"),
+        _column("emissivity", "<f8", fill=np.nan, units="1", long_name="emissivity; NaN: the campaign's"),
         _column("tilt_deg", "<f8", fill=np.nan, units="degree"),
         _column("azimuth_deg", "<f8", fill=np.nan, units="degree"),
-        _column("n_vertices", "<u2", units="1"),
-        Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
-        Column("label", "S64"),
+        _column("n_vertices", "<u2", units="1", long_name="corners that are used"),
+        Column(
+            "vertices",
+            "<f8",
+            (MAX_VERTICES, 2),
+            ("vertex", "xy"),
+            np.nan,
+            {"units": "1", "long_name": "corners"},
+        ),
+        _column("label", "S64", long_name="name of the region"),
         _column("removed", "u1", long_name="1: the region ends here", units="1"),
         _column("camera", "S64", long_name="stream of its camera; empty: the first camera"),
         Column("vertices_m", "<f8", (MAX_VERTICES, 3), ("vertex", "enu"), np.nan, about_ground),
@@ -391,16 +396,30 @@ def _region_columns() -> list[Column]:
 
 
 def _health_columns(streams: int) -> list[Column]:
-    units = {"received": "1", "dropped": "1", "queued": "1", "rejected": "1", "late_max_us": "us"}
-    units["implausible"] = "1"
-    shape = (max(1, streams),)
+    counts = {
+        "received": "samples so far", "dropped": "samples lost so far", "queued": "samples waiting",
+        "rejected": "invalid records so far", "implausible": "readings beyond their limits so far",
+        "late_max_us": "longest delay of a sample in the last second",
+    }  # fmt: skip
     return [
-        *(Column(name, "<i8", shape, ("stream",), None, {"units": unit}) for name, unit in units.items()),
-        _column("disk_free_bytes", "<i8", units="byte"),
-        _column("written_bytes", "<i8", units="byte"),
-        _column("sync_ms", "<f8", units="ms"),
-        _column("cpu_percent", "<f8", units="percent"),
-        _column("lag_ms", "<f8", units="ms"),
+        _TIME,
+        _MONO,
+        *(
+            Column(
+                name,
+                "<i8",
+                (max(1, streams),),
+                ("stream",),
+                None,
+                {"units": "us" if name == "late_max_us" else "1", "long_name": about},
+            )
+            for name, about in counts.items()
+        ),
+        _column("disk_free_bytes", "<i8", units="byte", long_name="free space of the disk"),
+        _column("written_bytes", "<i8", units="byte", long_name="bytes written so far"),
+        _column("sync_ms", "<f8", units="ms", long_name="duration of the journal's last sync"),
+        _column("cpu_percent", "<f8", units="percent", long_name="processor time of the recorder"),
+        _column("lag_ms", "<f8", units="ms", long_name="longest delay of all streams in the last second"),
     ]
 
 

@@ -19,7 +19,6 @@ import h5py
 import numpy as np
 
 from fieldkit.disk import sync
-from fieldkit.model.arrays import ByteArray
 from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
@@ -29,7 +28,7 @@ from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_ne
 from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, encode_text, entry_columns, raw_width, stream_columns
-from fieldkit.sessions.records import Entry, Record, RegionRecord, SampleRow, sample_bytes, sample_crc32
+from fieldkit.sessions.records import Entry, Record, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import stamps_of, to_columns
 
 PARTIAL_AFTER_S = 1.3
@@ -45,7 +44,6 @@ class SessionFile:
 
     def __init__(self, path: Path, identity: SessionIdentity, pool: Executor, *, swmr: bool = True) -> None:
         self.path = path
-        self._header = identity.header
         write_new(path, file_image(identity))
         self._guarded = GuardedFile(path)
         self._file = self._guarded.file
@@ -56,15 +54,14 @@ class SessionFile:
             raise
 
     def _begin(self, identity: SessionIdentity, pool: Executor, *, swmr: bool) -> None:
-        streams = self._header.streams
-        places = self._guarded.disk.places
+        header, places = identity.header, self._guarded.disk.places
+        streams = header.streams
         self._streams = {info.name: _Stream(self._file[info.name], info, pool, places) for info in streams}
         self._tables = {
             name: TableWriter(self._file[name], columns, fitting_column)
-            for name, columns in entry_columns(self._header).items()
+            for name, columns in entry_columns(header).items()
         }
-        self._latest = {region.name: region for region in self._header.regions}
-        self._entry_rows = EntryRows(self._header, identity.anchor_ns)
+        self._entry_rows = EntryRows(header, identity.anchor_ns)
         if swmr:
             self._file.swmr_mode = True
 
@@ -81,8 +78,6 @@ class SessionFile:
         if isinstance(record, Frame | Reading):
             crc = sample_crc32(record, *sample_bytes(record)) if crc32 is None else crc32
             return self._streams[record.stream].put(record, crc)
-        if isinstance(record, RegionRecord):
-            self._latest[record.region.name] = record.region
         for table, row in self._entry_rows.rows(record):
             self._tables[table].append(row)
         return []
@@ -104,12 +99,12 @@ class SessionFile:
         sync(self.path)
 
     def finish(self, end_ns: int) -> list[Chunk]:
-        """Write what is left, the masks and the end time, and close; not yet declared complete."""
+        """Write what is left and the end time, and close; not yet declared complete."""
         chunks = self.flush(everything=True)
         self.sync()
         self.close()
         end_time = np.array(encode_text(iso_utc(end_ns), ISO_WIDTH))
-        write_in_place(self.path, {"entry/end_time": end_time, **self._masks()})
+        write_in_place(self.path, {"entry/end_time": end_time})
         return chunks
 
     def close(self) -> None:
@@ -119,14 +114,6 @@ class SessionFile:
     def discard(self) -> None:
         """Close, and leave the file as the disk has it."""
         self._guarded.discard()
-
-    def _masks(self) -> dict[str, ByteArray]:
-        camera = next((info for info in self._header.streams if info.is_camera), None)
-        if camera is None or not self._header.regions:
-            return {}
-        rows, cols = camera.shape
-        masks = [self._latest[name].mask((rows, cols)) for name in self._header.region_names]
-        return {"regions/mask": np.array(masks, "u1")}
 
 
 class _Stream:

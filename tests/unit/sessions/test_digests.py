@@ -72,7 +72,7 @@ def test_other_scale_is_named(path):
 
 def test_each_changed_value_is_named(path):
     changed = {
-        "entry/utc_minus_mono_ns", "entry/start_time", "config/session_toml", "regions/mask", "learnt/region",
+        "entry/utc_minus_mono_ns", "entry/start_time", "config/session_toml", "learnt/region",
         "camera/y",
     }  # fmt: skip
     for dataset in changed:
@@ -91,8 +91,8 @@ def test_exchanged_axes_are_named(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         counts = file["camera/counts"]
         counts.dims[1].detach_scale(file["camera/y"])
-        counts.dims[1].attach_scale(file["regions/y"])
-        file["regions/y"].attrs["NAME"] = np.bytes_("z")
+        counts.dims[1].attach_scale(file["lux/byte"])
+        file["lux/byte"].attrs["NAME"] = np.bytes_("z")
     assert "camera/counts" in failed(path)
 
 

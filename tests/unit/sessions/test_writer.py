@@ -4,8 +4,6 @@ import dataclasses
 import shutil
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
 
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
@@ -89,9 +87,6 @@ def test_entries_are_the_same(tmp_path):
         assert [record.region.name for record in session.region_history()] == ["flat", "b05", "b05"]
         assert session.header.to_json() == HEADER.to_json()
         assert session.config_toml == HEADER.config_toml
-    with h5py.File(tmp_path / "a.h5") as file:
-        mask = moved.mask((24, 32))
-        assert np.array_equal(file["regions/mask"][1], mask)
 
 
 def test_long_text_is_cut_between_characters(tmp_path):
