@@ -7,6 +7,10 @@ so a power cut loses what came after. Each file is written by one thread::
     000001.log, 000002.log ...   everything recorded; the oldest goes once the session file has its frames
     kept.log                     of those that went, all but the frames; where each frame's chunks lie
     confirmed.log                after each sync, how many records the disk has
+    lock                         after each record, how many were written
+
+Each log begins with the session, the number of the part, and the file and boot that it was made on: recovery
+goes by these, never by names.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +33,8 @@ from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.layout import FORMAT_VERSION, SessionHeader, check_version
-from fieldkit.sessions.log import Kind, LogReader, LogWriter, session_number
+from fieldkit.sessions.lock import OWNER_BYTES, RECORDING
+from fieldkit.sessions.log import Kind, LogReader, LogWriter, Origin, boot_id, encode_record, session_number
 from fieldkit.sessions.records import Record, encode_entry, encode_sample
 from fieldkit.sessions.sample_fields import STAMPS_BYTES
 
@@ -50,29 +55,30 @@ class Chunk(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionIdentity:
-    """Head of every file of a journal: the session it belongs to."""
+    """The session that every log of a journal states in its head."""
 
     session_id: str
     start_ns: int
     anchor_ns: int
     header: SessionHeader
 
-    def to_json(self) -> bytes:
-        """The identity as text."""
-        header = self.header.to_json()
-        return json.dumps([FORMAT_VERSION, self.session_id, self.start_ns, self.anchor_ns, header]).encode()
+    def to_json(self, origin: Origin) -> bytes:
+        """The head of a log of that origin, as text."""
+        session = (self.session_id, self.start_ns, self.anchor_ns, self.header.to_json())
+        return json.dumps([FORMAT_VERSION, *astuple(origin), *session]).encode()
 
     @classmethod
-    def from_json(cls, text: bytes, folder: Path) -> SessionIdentity:
-        """Object from `to_json` of the journal in `folder`.
+    def from_json(cls, text: bytes, folder: Path) -> tuple[SessionIdentity, Origin]:
+        """Session and origin from `to_json` of a log in `folder`.
 
         Raises `FormatError` for one of another version, `SessionError`, `ValueError` or `TypeError` if the
         text is none.
         """
-        version, *identity = json.loads(text)
-        check_version(folder, str(version) if len(identity) == 4 else "1")
-        session_id, start_ns, anchor_ns, header = identity
-        return cls(str(session_id), int(start_ns), int(anchor_ns), SessionHeader.from_json(header))
+        version, *fields = json.loads(text)
+        check_version(folder, str(version) if len(fields) == 8 else "1")
+        part, device, inode, boot, session_id, start_ns, anchor_ns, header = fields
+        identity = cls(str(session_id), int(start_ns), int(anchor_ns), SessionHeader.from_json(header))
+        return identity, Origin(int(part), int(device), int(inode), str(boot))
 
 
 class Journal:
@@ -93,11 +99,15 @@ class Journal:
         self.full_parts: deque[tuple[Path, int]] = deque()
         """Parts that are full, oldest first, each with the number of the record after its last."""
         self._identity = identity
+        self._session = session_number(identity.session_id)
         self._streams = {info.name: number for number, info in enumerate(identity.header.streams)}
         with contextlib.ExitStack() as undo:
+            self._lock = os.open(folder / RECORDING, os.O_WRONLY | os.O_CREAT, 0o644)
+            undo.callback(os.close, self._lock)
+            self._count_in_lock()
             logs = []
-            for path in self.first_files(folder):
-                logs.append(self._create(path))
+            for part, path in zip((1, 0, 0), self.first_files(folder), strict=True):
+                logs.append(self._create(path, part))
                 undo.callback(logs[-1].close)
                 sync(path)
             sync(folder)
@@ -157,11 +167,23 @@ class Journal:
         counts[stream] += 1
         self._part.append(kind, stream, counts, *payload)
         self.written = tuple(counts)
+        self._count_in_lock()
 
-    def _create(self, path: Path) -> LogWriter:
-        log_writer = LogWriter(path, session_number(self._identity.session_id))
+    def _count_in_lock(self) -> None:
+        """Have the lock say how much was written: the kernel keeps that after a kill.
+
+        Where the disk does not take it the record is safe all the same; only the end will not be known.
+        """
+        with contextlib.suppress(OSError):
+            record = encode_record(self._session, Kind.WRITTEN, 0, self.written)
+            os.pwritev(self._lock, record, OWNER_BYTES)
+
+    def _create(self, path: Path, part: int) -> LogWriter:
+        log_writer = LogWriter(path, self._session)
         try:
-            log_writer.append(Kind.IDENTITY, 0, self.written, self._identity.to_json())
+            stat = path.stat()
+            origin = Origin(part, stat.st_dev, stat.st_ino, boot_id())
+            log_writer.append(Kind.IDENTITY, 0, self.written, self._identity.to_json(origin))
         except OSError:
             log_writer.close()
             path.unlink(missing_ok=True)
@@ -170,7 +192,7 @@ class Journal:
 
     def _rotate(self) -> None:
         # the new part first: where the disk takes none, the old one goes on
-        following = self._create(self.part_path(self.number + 1))
+        following = self._create(self.part_path(self.number + 1), self.number + 1)
         self._part.close()
         self._full_bytes += self._part.size
         self.full_parts.append((self._part.path, self.next_id))
@@ -214,9 +236,15 @@ class Journal:
         part.unlink()
 
     def close(self) -> None:
-        """Close the files; a second call does nothing."""
+        """State that nothing comes after, and close the files; a second call does nothing."""
+        if self._lock < 0:
+            return
+        with contextlib.suppress(OSError):  # on a full disk the end is not known, and nothing else is missing
+            self._part.append(Kind.CLOSED, 0, self.written)
         for log in (self._part, self._kept, self._confirmed):
             log.close()
+        os.close(self._lock)
+        self._lock = -1
 
 
 _BLOCK, _CHUNK = struct.Struct("<qH"), struct.Struct("<IIQII")

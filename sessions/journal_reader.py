@@ -2,41 +2,47 @@
 
 Every file is scanned for records; a sample is returned only if record and sample match their checksums. Since
 each record says how many there were before it, what is missing is known up to the last one that survives.
+Whose a record is, and where it belongs, is decided by the numbers in it, never by a file's name.
 """
 
 from __future__ import annotations
 
 import contextlib
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
+from statistics import mode
 
 import numpy as np
 
 from fieldkit.model.arrays import IntArray, TableArray
 from fieldkit.model.errors import FormatError, SessionError
 from fieldkit.sessions.journal import Chunk, SessionIdentity, decode_chunks
-from fieldkit.sessions.log import Head, Kind, LogReader, session_number
+from fieldkit.sessions.lock import OWNER_BYTES, RECORDING
+from fieldkit.sessions.log import Head, Kind, LogReader, boot_id, session_number
 from fieldkit.sessions.records import Entry, SampleRow, decode_entry
 
 _PLACE = np.dtype([("seq", "<i8"), ("kind", "<i8"), ("log", "<i8"), ("at", "<i8")])
 
 
 class JournalReader:
-    """The records of a journal; a context manager.
+    """The records of one session in the folder of a journal; a context manager.
 
-    `damage` names what was found to be damaged by what was read so far. Raises `FormatError` for a
-    journal of another version, `SessionError` where the folder holds no readable one.
+    The session is that of `session_id`, or else the one that most of the files are of. `damage` names what
+    was found to be damaged by what was read so far. Raises `FormatError` for a journal of another version,
+    `SessionError` where the folder holds no readable one.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, session_id: str | None = None) -> None:
         self.folder = folder
         self._logs = list(_open_logs(folder))
         self._unreadable: list[str] = []
+        self._session = session_number(session_id) if session_id else mode(session_numbers(folder) or [0])
         self.identity: SessionIdentity = self._identity()
-        self._session = session_number(self.identity.session_id)
+        self._logs.sort(key=lambda log: (log.part, log.is_copy))
         self._entries = len(self.identity.header.streams)
 
     def __enter__(self) -> JournalReader:
@@ -53,9 +59,7 @@ class JournalReader:
     @property
     def damage(self) -> list[str]:
         """In words, what of the journal cannot be read."""
-        missing = {"kept.log", "confirmed.log"} - {log.name for log in self._logs}
-        gone = [f"{name} is gone" for name in sorted(missing)]
-        return [*gone, *(line for log in self._logs for line in log.damage), *self._unreadable]
+        return [*(line for log in self._logs for line in log.damage), *self._unreadable]
 
     @property
     def written(self) -> tuple[int, ...]:
@@ -63,9 +67,27 @@ class JournalReader:
         return self._index.written
 
     @property
-    def has_end(self) -> bool:
-        """True if the last record there ever was is known: nothing unreadable stands behind it."""
-        return self._index.has_end
+    def left_out(self) -> list[str]:
+        """In words, the records that are of another session, or stand twice or out of order, by file."""
+        return [f"{count} {records}" for records, count in self._index.left_out.items()]
+
+    @property
+    def doubt(self) -> str:
+        """Why the end is not known, in words; empty where it is.
+
+        It is known where the writer closed the journal, and where the lock counts the last record of the
+        parts, or all but that one: under the same boot the kernel has kept both. It is not known in a copy:
+        one made while it was recorded may have a lock as old as its parts.
+        """
+        index, last = self._index, self._logs[-1]
+        if index.is_closed:
+            return ""
+        if last.origin is None or last.origin.boot != boot_id():
+            return "the computer was started again since"
+        if last.is_copy:
+            return f"{last.name} is a copy"
+        is_whole = index.in_parts == sum(index.written) <= index.in_lock + 1
+        return "" if is_whole else "the last records of the journal are gone"
 
     def numbers(self, stream: int) -> IntArray:
         """The numbers of the samples of a stream that the journal has, in order."""
@@ -98,7 +120,7 @@ class JournalReader:
 
     def since(self, number: int, before: int) -> Iterator[SampleRow | Entry]:
         """Records `number` to `before`, the last excluded, of a journal that is being written."""
-        parts = [log for log in self._logs if log.name[0].isdigit()]
+        parts = [log for log in self._logs if log.part]
         # the first record of a part, its identity, counts those of the parts before
         starts = [next((head.number + 1 for head in log.heads()), 0) for log in parts]
         ends = [*starts[1:], before]
@@ -110,26 +132,33 @@ class JournalReader:
                     yield _entry(payload) if is_entry else SampleRow.decode(head.stream, head.seq, payload)
 
     def _identity(self) -> SessionIdentity:
-        for head, payload in self._identities():
+        """The session, as one of the logs states it; notes of each log what file it was made as."""
+        identities = []
+        for log, payload in self._identities():
             try:
-                identity = SessionIdentity.from_json(payload, self.folder)
+                identity, log.origin = SessionIdentity.from_json(payload, self.folder)
             except FormatError:
                 self.close()
                 raise
             except (SessionError, ValueError, TypeError) as error:
                 self._unreadable.append(str(error))
                 continue
-            if session_number(identity.session_id) == head.session:
-                return identity
-        damage = "; ".join(self._unreadable) or "nothing in it can be read"
+            identities.append(identity)
+        if identities:
+            return identities[0]
+        count = sum(1 for log in self._logs for _ in log.heads())
+        damage = "; ".join(self._unreadable) or f"{count} records, and no head of this session"
         self.close()
         raise SessionError(f"holds no readable journal: {damage}", place=self.folder)
 
-    def _identities(self) -> Iterator[tuple[Head, bytes]]:
+    def _identities(self) -> Iterator[tuple[LogReader, bytes]]:
         for log in self._logs:
-            for head in log.heads():
-                if head.kind == Kind.IDENTITY and (payload := log.payload(head)) is not None:
-                    yield head, payload
+            heads = (
+                head for head in log.heads() if (head.kind, head.session) == (Kind.IDENTITY, self._session)
+            )
+            for head in islice(heads, 1):
+                if (payload := log.payload(head)) is not None:
+                    yield log, payload
 
     def _payloads(self, stream: int, first: int = 0, last: int = 2**62) -> Iterator[tuple[int, bytes]]:
         """The payload of each record of a stream; of one that stands twice, the first that can be read."""
@@ -157,10 +186,21 @@ class JournalReader:
         return _Index(self._logs, self._session, self._entries + 1)
 
 
+def session_numbers(folder: Path) -> list[int]:
+    """The number of the session that each log in a folder is of, and its lock: that of its first record."""
+    numbers = []
+    for log in _open_logs(folder):
+        with contextlib.closing(log):
+            begun = (head for head in log.heads() if head.number >= 0 or head.kind == Kind.IDENTITY)
+            numbers += [head.session for head in islice(begun, 1)]
+    return numbers
+
+
 def _open_logs(folder: Path) -> Iterator[LogReader]:
-    for path in sorted(folder.glob("*.log")):
+    """The logs in a folder, and its lock, which says how much was written."""
+    for path in (*sorted(folder.glob("*.log")), folder / RECORDING):
         with contextlib.suppress(FileNotFoundError):  # a part that has just been retired
-            yield LogReader(path)
+            yield LogReader(path, OWNER_BYTES if path.name == RECORDING else 0)
 
 
 def _entry(payload: bytes) -> Entry:
@@ -169,34 +209,46 @@ def _entry(payload: bytes) -> Entry:
 
 
 class _Index:
-    """Places of the records of a session in some logs, by stream and number, and their counts."""
+    """Places of the records of a session in some logs, by stream and number, and their counts.
+
+    The logs are its parts in their order, behind all others. `in_parts` is how many records these count,
+    `in_lock` how many the lock does; `left_out` counts records that are not taken, by what they are.
+    """
 
     def __init__(self, logs: list[LogReader], session: int, streams: int) -> None:
         self.written: tuple[int, ...] = (0,) * streams
         self.chunks: defaultdict[tuple[str, int], list[tuple[int, int]]] = defaultdict(list)
-        self._found = [array("q") for _ in range(streams)]
-        self._in_parts = 0
+        self.is_closed: bool = False
+        self.in_parts: int = 0
+        self.in_lock: int = -2  # without it, not even the end of an empty journal is known
+        self.left_out: Counter[str] = Counter()
+        self._places = [array("q") for _ in range(streams)]
         for number, log in enumerate(logs):
             for head in log.heads():
                 if head.session == session and len(head.counts) == streams:
                     self._take(number, log, head)
-        self.places: list[TableArray] = [_sort(found) for found in self._found]
-        # another log that counts more than the parts have shows that they lost their end
-        parts = [log for log in logs if log.name[0].isdigit()]
-        self.has_end: bool = bool(parts) and parts[-1].is_whole and self._in_parts == sum(self.written)
+                else:
+                    self.left_out[f"records of another session in {log.name}"] += 1
+        self.places: list[TableArray] = [_sort(places) for places in self._places]
 
     def _take(self, number: int, log: LogReader, head: Head) -> None:
         self.written = tuple(map(max, self.written, head.counts))
-        if log.name[0].isdigit():
-            self._in_parts = max(self._in_parts, sum(head.counts))
-        if head.kind == Kind.CHUNKS and (payload := log.payload(head)) is not None:
+        self.is_closed |= head.kind == Kind.CLOSED
+        count = head.number + 1
+        if head.kind == Kind.WRITTEN:
+            self.in_lock = count
+        elif head.kind == Kind.CHUNKS and (payload := log.payload(head)) is not None:
             for key in {chunk[:2] for chunk in decode_chunks(payload)}:
                 self.chunks[key].append((number, head.at))
         elif head.kind in (Kind.SAMPLE, Kind.STAMPS, Kind.ENTRY):
-            self._found[head.stream].extend((head.seq, head.kind, number, head.at))
+            if log.part and count <= self.in_parts:
+                self.left_out[f"records twice or out of order in {log.name}"] += 1
+            self._places[head.stream].extend((head.seq, head.kind, number, head.at))
+        if log.part:
+            self.in_parts = max(self.in_parts, count)
 
 
-def _sort(found: array[int]) -> TableArray:
+def _sort(places_of_stream: array[int]) -> TableArray:
     """Places by number, and of one number first that with all its bytes."""
-    places = np.frombuffer(found, _PLACE)
+    places = np.frombuffer(places_of_stream, _PLACE)
     return places[np.lexsort((places["kind"], places["seq"]))]

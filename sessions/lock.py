@@ -17,6 +17,9 @@ RECORDING = "lock"
 RECOVERY = "recovery.lock"
 PATIENCE_S = 0.1
 
+OWNER_BYTES = 32
+"""The process that holds a lock, as text; what a journal has written stands behind it."""
+
 
 def journal_path(path: Path) -> Path:
     """The folder beside a session file where its journal stands while it is recorded."""
@@ -41,12 +44,11 @@ class SessionLock:
         try:
             _lock(self._descriptor)
         except OSError as error:
-            owner = os.read(self._descriptor, 32).decode(errors="replace").strip()
+            owner = os.read(self._descriptor, OWNER_BYTES).decode(errors="replace").strip()
             raise RefusedError(
                 f"{folder} is in use by process {owner}", fix="wait until it has ended, or stop it first"
             ) from error
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode(), 0)
+        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode().ljust(OWNER_BYTES), 0)
 
     def release(self) -> None:
         """Let others in; a second call does nothing."""
@@ -95,6 +97,6 @@ def owner(folder: Path, name: str = RECORDING) -> int | None:
     if not is_locked(folder, name):
         return None
     try:
-        return int((folder / name).read_text().strip())
+        return int((folder / name).read_bytes()[:OWNER_BYTES])
     except (OSError, ValueError):
         return None

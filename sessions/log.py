@@ -46,6 +46,10 @@ class Kind(IntEnum):
     """Places of chunks of frames in the session file."""
     CONFIRMED = 5
     """Confirmation by the disk of as many records as in `counts`."""
+    WRITTEN = 6
+    """In the lock: as many records as in `counts` are in the kernel's hands."""
+    CLOSED = 7
+    """The last record of a journal whose writer ended in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +85,39 @@ class Head:
         return self.payload_at + self.length
 
 
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+def boot_id() -> str:
+    """Mark of the time since the computer was started: another one after each start."""
+    return _BOOT_ID.read_text().strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The file that a log was made as: part (0: it is none), device, inode, and boot of the computer."""
+
+    part: int
+    device: int
+    inode: int
+    boot: str
+
+
 def session_number(session_id: str) -> int:
     """Mark of the records of a session: a disk may show bytes of an earlier log that was deleted."""
     return zlib.crc32(session_id.encode())
+
+
+def encode_record(
+    session: int, kind: Kind, stream: int, counts: Sequence[int], *payload: bytes | memoryview
+) -> list[bytes | memoryview]:
+    """The bytes of one record, its payload given in parts."""
+    crc = 0
+    for part in payload:
+        crc = crc32(part, crc)
+    head = _FIXED.pack(MAGIC, session, kind, stream, len(counts), sum(map(len, payload)), crc)
+    head += struct.pack(f"<{len(counts)}Q", *counts)
+    return [head + _CRC.pack(crc32(head)), *payload]
 
 
 class LogWriter:
@@ -97,13 +131,8 @@ class LogWriter:
 
     def append(self, kind: Kind, stream: int, counts: Sequence[int], *payload: bytes | memoryview) -> None:
         """Write one record, its payload given in parts."""
-        crc = 0
-        for part in payload:
-            crc = crc32(part, crc)
-        length = sum(map(len, payload))
-        head = _FIXED.pack(MAGIC, self._session, kind, stream, len(counts), length, crc)
-        head += struct.pack(f"<{len(counts)}Q", *counts)
-        self._patience(partial(self._write, [head + _CRC.pack(crc32(head)), *payload]))
+        parts = encode_record(self._session, kind, stream, counts, *payload)
+        self._patience(partial(self._write, parts))
 
     def _write(self, parts: list[bytes | memoryview]) -> None:
         whole = sum(map(len, parts))
@@ -126,26 +155,44 @@ class LogWriter:
 
 
 class LogReader:
-    """Reads a log, also one that is being written, was cut off or is damaged.
+    """Reads a log from byte `start` on, also one that is being written, was cut off or is damaged.
 
     `damage` names the bytes that are not records, as far as the file was read; what stands behind the last
     record is its tail, not damage: `is_whole` tells whether there is none.
+
+    Attributes
+    ----------
+    origin : Origin or None
+        The file that the log was made as, once its head was read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, start: int = 0) -> None:
         self.name = path.name
+        self._start = start
         self.damage: list[str] = []
         self.is_whole: bool = True
+        self.origin: Origin | None = None
         self._file = path.open("rb", buffering=_WINDOW)
-        self._size = os.fstat(self._file.fileno()).st_size
+        stat = os.fstat(self._file.fileno())
+        self._size, self._inode = stat.st_size, (stat.st_dev, stat.st_ino)
 
     def close(self) -> None:
         """Let go of the file."""
         self._file.close()
 
+    @property
+    def part(self) -> int:
+        """Number of the part, from 1; 0 for other logs, and where the head is gone."""
+        return self.origin.part if self.origin else 0
+
+    @property
+    def is_copy(self) -> bool:
+        """True if this is another file than the one that was written."""
+        return self.origin is not None and (self.origin.device, self.origin.inode) != self._inode
+
     def heads(self) -> Iterator[Head]:
         """The head of each record that has one, in the order of the file; payloads are not looked at."""
-        at = 0
+        at = self._start
         self.damage.clear()
         while (head := self._next_head(at)) is not None:
             if head.at > at:

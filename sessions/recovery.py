@@ -10,16 +10,19 @@ from __future__ import annotations
 import errno
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from functools import partial
+from itertools import takewhile
+from operator import attrgetter
 from pathlib import Path
+from tempfile import mkdtemp
 
 from fieldkit.disk import Patience, put_in_place
 from fieldkit.model.errors import (
-    FormatError,
     IntegrityError,
     RefusedError,
     SessionError,
@@ -28,15 +31,15 @@ from fieldkit.model.errors import (
 )
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.chunks import PackedBlock
 from fieldkit.sessions.file_tree import put_rows
 from fieldkit.sessions.guarded_file import GuardedFile
-from fieldkit.sessions.journal_reader import JournalReader
+from fieldkit.sessions.journal_reader import session_numbers
 from fieldkit.sessions.layout import RECOVERED, SEALED, check_version
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked, journal_path
-from fieldkit.sessions.reader import SessionReader, open_interrupted, open_session
-from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
+from fieldkit.sessions.log import session_number
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.salvage import LostRange, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
 from fieldkit.sessions.superblock import CHECK_PATH
@@ -47,28 +50,46 @@ FRESH = ".recovering"
 """Ending of the new file until it takes the session's place."""
 
 
+class Outcome(StrEnum):
+    """Whether a recovery has everything that was recorded."""
+
+    COMPLETE = "complete"
+    END_NOT_KNOWN = "end not known"
+    """Nothing is known to be lost, but something may have been behind the last sample."""
+    LOST = "lost"
+
+
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
     """Result of a recovery: samples per stream, those only in the journal, and every run of lost ones.
 
-    `damage` names in words what could not be read. `crashed` is the file as it was. Where the end is not
-    known, samples may be lost behind the last one that is there. Without `counts` nothing was ever recorded.
+    `damage` names in words what could not be read or was left out; `doubt` says why the end is not known, and
+    is empty where it is. `lost_entries` counts events, slopes, records of health and corrections. `crashed`
+    is the file as it was. Without `counts` nothing was ever recorded.
     """
 
     path: Path
     counts: dict[str, int]
-    from_journal: dict[str, int]
     lost: tuple[LostRange, ...] = ()
+    from_journal: Mapping[str, int] = field(default_factory=dict)
     damage: tuple[str, ...] = ()
     crashed: Path | None = None
     was_complete: bool = False
     bytes: int = 0
-    end_is_known: bool = True
+    doubt: str = ""
+    lost_entries: int = 0
 
     @property
     def lost_samples(self) -> int:
         """Number of samples known to be lost."""
         return sum(run.count for run in self.lost)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Which of the three it was."""
+        if self.lost_samples or self.lost_entries:
+            return Outcome.LOST
+        return Outcome.END_NOT_KNOWN if self.doubt else Outcome.COMPLETE
 
 
 def crashed_path(path: Path) -> Path:
@@ -92,7 +113,7 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     except OSError as error:
         raise StorageError(
             f"the session {path} could not be recovered: {error.strerror or error}",
-            fix="copy it, with its .journal folder, to where it can be written, then run recovery again",
+            fix="make room beside it, or copy it with its .journal folder to where there is; nothing is lost",
         ) from error
 
 
@@ -106,7 +127,8 @@ def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     if is_locked(folder):
         fix = "wait until the recording has ended, or stop it: " + Action.STOP()
         raise RefusedError("in use: it is being recorded", place=path, fix=fix)
-    _check_versions(path, folder)
+    if any(folder.glob("*.sqlite")):  # what is not a log would be taken for nothing and removed
+        check_version(folder, "1")
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
     lock = SessionLock(folder, RECOVERY)
@@ -118,126 +140,73 @@ def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
         raise
     finally:
         lock.release()
+    return _put_away(folder, report)
+
+
+def _put_away(folder: Path, report: RecoveryReport) -> RecoveryReport:
+    """Delete the journal, which is not needed any more; one with files of another session is kept beside."""
+    if report.path.exists():
+        with open_session(report.path) as session:
+            ours = session_number(session.session_id)
+        if {ours} != {ours, *session_numbers(folder)}:
+            aside = mkdtemp(prefix=f"{crashed_path(folder).name}-", dir=folder.parent)
+            os.replace(folder, aside)
+            kept = f"what is of another session is kept in {aside}"
+            return replace(report, damage=(*report.damage, kept))
     remove_journal(folder)
     return report
 
 
-def _check_versions(path: Path, folder: Path) -> None:
-    """Raise `FormatError` where the file or its journal is of another version; damage is no matter here."""
-    if any(folder.glob("*.sqlite")):  # what is not a log would be taken for nothing and removed
-        check_version(folder, "1")
-    for open_part in (partial(open_interrupted, path), partial(JournalReader, folder)):
-        try:
-            open_part().close()
-        except FormatError:
-            raise
-        except SessionError:
-            continue
-
-
-def rebuild(path: Path, state: int) -> SealReport:
-    """Make a session's file again from its journal and itself, when it could not be completed.
-
-    Raises `IntegrityError` where something is lost, the file and the journal being as they were: only
-    recovery may finish such a session, because it reports what is missing.
-    """
-    report, _ = _rebuild(path, state, None, ())
-    return report
-
-
 def _complete(path: Path) -> RecoveryReport | None:
-    """The report on a session that needs no recovery."""
+    """The report on a session that needs no recovery, with what an earlier one found; None for another."""
     try:
         with open_session(path) as session:
             if session.state not in ("sealed", "recovered"):
                 return None
             counts = {name: session.count(name) for name in session.streams}
-    except SessionError:
+            events = [event for event in session.events(recorded=True) if event.kind is EventKind.RECOVERED]
+        runs = takewhile(attrgetter("stream"), events[-2::-1])
+        lost = tuple(LostRange(**event.data) for event in runs)[::-1]
+        summary = events[-1].data if events else {}
+        return RecoveryReport(path, counts, lost, was_complete=True, bytes=path.stat().st_size, **summary)
+    except (SessionError, TypeError):
         return None
-    return RecoveryReport(
-        path, counts, dict.fromkeys(counts, 0), was_complete=True, bytes=path.stat().st_size
-    )
 
 
 def _never_begun(path: Path, folder: Path) -> RecoveryReport | None:
     """The report on a session whose recorder ended before it could take a sample; None for any other."""
-    logs = [*folder.glob("*.log")]
-    if path.exists() or any(log.name != "000001.log" for log in logs):
-        return None
-    with suppress(SessionError), JournalReader(folder):
+    logs = {log.name for log in folder.glob("*.log")}
+    if path.exists() or logs - {"000001.log"} or session_numbers(folder):
         return None  # even if it has no sample
-    return RecoveryReport(path, {}, {})
+    return RecoveryReport(path, {})
 
 
 def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     crashed = crashed_path(path) if path.exists() else None
-    fresh = path.with_name(path.name + FRESH)
-    if (report := _finish_earlier(fresh, path)) is not None:
-        _take_place(fresh, path, crashed)
-        return replace(report, path=path, crashed=crashed)
-    sealed, salvage = _rebuild(path, RECOVERED, crashed, notes)
-    return RecoveryReport(
-        path, sealed.counts, {name: stats.from_journal for name, stats in salvage.statistics.items()},
-        tuple(run for stats in salvage.statistics.values() for run in stats.lost),
-        tuple(salvage.damage), crashed, bytes=sealed.bytes, end_is_known=salvage.has_end,
-    )  # fmt: skip
+    _, salvage = rebuild(path, RECOVERED, notes, crashed)
+    report = _complete(path)
+    assert report is not None
+    from_journal = {name: stats.from_journal for name, stats in salvage.statistics.items()}
+    damage = tuple(salvage.damage)
+    return replace(report, was_complete=False, from_journal=from_journal, damage=damage, crashed=crashed)
 
 
-def _finish_earlier(fresh: Path, path: Path) -> RecoveryReport | None:
-    """The report on the new file where an earlier recovery completed it and only its place was not taken.
-
-    After a power cut that may be all that is left. It is verified once more; one that is not sound, or of
-    another session of that name, is made again.
-    """
-    try:
-        with open_session(fresh) as session:
-            is_this = session.session_id in (_session_ids(path) or {session.session_id})
-            is_sound = all(finding.level != "fail" for finding in integrity_findings(session))
-            if not (session.state == "recovered" and is_this and is_sound):
-                return None
-            crc32s = {name: session.stream(name).column("crc32") for name in session.streams}
-            report = _report_of(session)
-        return replace(report, bytes=seal(fresh, crc32s, RECOVERED).bytes)
-    except (SessionError, RuntimeError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _session_ids(path: Path) -> set[str]:
-    """Identity of the session, as far as its file and its journal still show."""
-    ids = set()
-    with suppress(SessionError), open_interrupted(path) as session:
-        ids.add(session.session_id)
-    with suppress(SessionError), JournalReader(journal_path(path)) as journal:
-        ids.add(journal.identity.session_id)
-    return ids
-
-
-def _report_of(session: SessionReader) -> RecoveryReport:
-    """The report of a recovery, from the events that `_recovery_events` wrote."""
-    events = [event for event in session.events(recorded=True) if event.kind is EventKind.RECOVERED]
-    counts = {name: session.count(name) for name in session.streams}
-    summary = events[-1].data if events else {}
-    keys = ("first", "last", "after_ns", "before_ns")
-    lost = tuple(
-        LostRange(event.stream, *(int(event.data[key]) for key in keys)) for event in events if event.stream
-    )
-    from_journal = {name: int(summary.get(name, {}).get("from_journal", 0)) for name in counts}
-    has_end = bool(summary.get("has_end", True))
-    return RecoveryReport(session.path, counts, from_journal, lost, end_is_known=has_end)
-
-
-def _rebuild(
-    path: Path, state: int, keep_as: Path | None, notes: Sequence[Event]
+def rebuild(
+    path: Path, state: int, notes: Sequence[Event] = (), keep_as: Path | None = None
 ) -> tuple[SealReport, Salvage]:
+    """Make a session's file again from its journal and itself, when it could not be completed.
+
+    With `state` SEALED it raises `IntegrityError` where something is lost, the file and the journal being as
+    they were: only recovery may finish such a session, because it reports what is missing.
+    """
     fresh = path.with_name(path.name + FRESH)
     try:
-        report, salvage = _make(path, fresh, state, notes)
-        _take_place(fresh, path, keep_as)
-    except OSError as error:
-        raise StorageError(
-            f"the session {path} could not be finished: {error.strerror or error}",
-            fix="make room beside it, then run recovery again; nothing is lost",
-        ) from error
+        report, salvage = _make(path, fresh, state, notes, packed=True)
+    except (IntegrityError, ValueError, TypeError, OverflowError) as error:
+        # a block that was taken as it was does not verify
+        log.warning("recovering %s sample by sample: %s", path, message_of(error))
+        report, salvage = _make(path, fresh, state, notes, packed=False)
+    _take_place(fresh, path, keep_as)
     return replace(report, path=path), salvage
 
 
@@ -254,18 +223,10 @@ def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
     put_in_place(fresh, path)
 
 
-def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
-    """The new file, sealed; if a block taken as it was does not verify, made again sample by sample."""
-    try:
-        return _make_sealed(path, fresh, state, notes, packed=True)
-    except (IntegrityError, ValueError, TypeError, OverflowError) as error:
-        log.warning("recovering %s sample by sample: %s", path, message_of(error))
-        return _make_sealed(path, fresh, state, notes, packed=False)
-
-
-def _make_sealed(
+def _make(
     path: Path, fresh: Path, state: int, notes: Sequence[Event], *, packed: bool
 ) -> tuple[SealReport, Salvage]:
+    """The new file, sealed."""
     fresh.unlink(missing_ok=True)
     try:
         with Salvage(path, packed=packed) as salvage:
@@ -280,6 +241,7 @@ def _make_sealed(
 
 
 def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, report: bool) -> None:
+    time_map = salvage.time_map()
     with ThreadPoolExecutor(COMPRESSORS) as pool:
         file = SessionFile(fresh, salvage.identity, pool, swmr=False)
         try:
@@ -298,7 +260,7 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, report: boo
             file.finish(end_ns)
         finally:
             file.close()
-    if time_map := salvage.time_map():
+    if time_map:
         with GuardedFile(fresh) as opened:
             put_rows(opened["time_map"], time_map)
 
@@ -313,30 +275,14 @@ def _recovery_events(
         yield replace(note, time_ns=time_ns, mono_ns=time_ns - anchor_ns)
     if not report:
         return
-    for stats in salvage.statistics.values():
-        for run in stats.lost:
-            time_ns = run.after_ns or start_ns
-            text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
-            data = {
-                "first": run.first, "last": run.last, "lost": run.count, "after_ns": run.after_ns,
-                "before_ns": run.before_ns,
-            }  # fmt: skip
-            error = Severity.ERROR
-            yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
-    yield _summary(salvage.statistics, end_ns - anchor_ns, end_ns, has_end=salvage.has_end)
-
-
-def _summary(
-    statistics: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int, *, has_end: bool
-) -> Event:
-    lost = {name: sum(run.count for run in stats.lost) for name, stats in statistics.items()}
-    count = sum(stats.kept for stats in statistics.values())
-    data: dict[str, object] = {
-        name: {"kept": stats.kept, "from_journal": stats.from_journal, "lost": lost[name]}
-        for name, stats in statistics.items()
-    }
-    text = f"session recovered: {count} samples, {sum(lost.values())} lost"
-    if not has_end:
-        text, data = f"{text}; samples behind the last one may be lost", {**data, "has_end": False}
-    severity = Severity.ERROR if any(lost.values()) else Severity.WARNING
-    return Event(EventKind.RECOVERED, mono_ns, time_ns, text, "", severity, data)
+    for run in salvage.lost:
+        time_ns = run.after_ns or start_ns
+        text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
+        data, error = asdict(run), Severity.ERROR
+        yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
+    count = sum(stats.kept for stats in salvage.statistics.values())
+    doubt = f"; the end is not known: {salvage.doubt}" if salvage.doubt else ""
+    text = f"session recovered: {count} samples, {sum(run.count for run in salvage.lost)} lost{doubt}"
+    severity = Severity.ERROR if salvage.lost or doubt else Severity.WARNING
+    findings = {"doubt": salvage.doubt, "lost_entries": salvage.lost_entries}
+    yield Event(EventKind.RECOVERED, end_ns - anchor_ns, end_ns, text, "", severity, findings)

@@ -8,21 +8,18 @@ its checksum matches.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 
 from fieldkit.model.arrays import AnyArray, CountArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample
 from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
 from fieldkit.sessions.journal import Chunk, SessionIdentity
@@ -57,10 +54,11 @@ class Salvage:
         self._path = path
         self._packed = packed
         self._stack = ExitStack()
-        self._journal = self._try_journal()
         self._session = self._try_session()
+        self._journal = self._try_journal()
         self._is_finished = self._session is not None and self._session.was_finished
-        self._is_import = False
+        self._is_import = self._file_is_ahead = False
+        self.lost_entries: int = 0
         self.identity: SessionIdentity = self._identity()
         nothing = (0,) * (len(self.identity.header.streams) + 1)
         self._written = self._journal.written if self._journal is not None else nothing
@@ -76,27 +74,31 @@ class Salvage:
 
     @property
     def damage(self) -> list[str]:
-        """In words, what could not be read, of the file and of the journal, or was not yet written."""
-        cut_import = [_CUT_IMPORT] if self._is_cut_import else []
-        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *cut_import]
+        """In words, what could not be read of the file and of the journal, and what was left out."""
+        left_out = self._journal.left_out if self._journal is not None else []
+        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *left_out]
+
+    @property
+    def lost(self) -> list[LostRange]:
+        """Every run of lost samples."""
+        return [run for stats in self.statistics.values() for run in stats.lost]
 
     @property
     def losses(self) -> list[str]:
         """In words, what does not come back: damage of the file alone is made good by the journal."""
-        runs = [run for stats in self.statistics.values() for run in stats.lost]
-        return [*(f"{run.stream}: {run.count} samples lost" for run in runs), *self._journal_damage]
+        return [*(f"{run.stream}: {run.count} samples lost" for run in self.lost), *self._journal_damage]
 
     @property
-    def has_end(self) -> bool:
-        """True if the last record there ever was is known: from the journal, or from a file once finished."""
+    def doubt(self) -> str:
+        """Why it is not known what was the last record there ever was, in words; empty where it is known."""
+        if self._is_finished and self._journal is None:
+            return ""
+        if self._is_import and not self._is_finished:  # its journal looks whole
+            return _CUT_IMPORT
         if self._journal is None:
-            return self._is_finished
-        return self._journal.has_end and not self._is_cut_import
-
-    @property
-    def _is_cut_import(self) -> bool:
-        """True if the entries are of an import that ended before its source did: its journal looks whole."""
-        return self._is_import and self._journal is not None and not self._is_finished
+            return "there is no journal that counts it"
+        # the journal is synced each second, the file's pages may reach the disk before
+        return "the session file goes on behind the journal" if self._file_is_ahead else self._journal.doubt
 
     @property
     def _journal_damage(self) -> list[str]:
@@ -106,6 +108,8 @@ class Salvage:
     def _try_session(self) -> SessionReader | None:
         try:
             return self._stack.enter_context(open_interrupted(self._path, salvage=True))
+        except FormatError:
+            raise
         except SessionError as error:
             self._file_damage.append(error.message)
             return None
@@ -114,7 +118,11 @@ class Salvage:
         folder = journal_path(self._path)
         try:
             if any(folder.glob("*.log")):
-                return self._stack.enter_context(JournalReader(folder))
+                session_id = self._session.session_id if self._session is not None else None
+                return self._stack.enter_context(JournalReader(folder, session_id))
+        except FormatError:
+            self._stack.close()
+            raise
         except SessionError as error:
             self._missing.append(error.message)
             return None
@@ -147,9 +155,15 @@ class Salvage:
                 sample = _first_whole(rows.get(seq), info, stored, loose, seq)
                 if sample is not None and seq >= stats.next_seq:
                     stats.from_journal += not stored.has(seq)
+                    stats.from_file += seq not in rows
                     stats.keep(seq, sample.time_ns, sample_crc32(sample, *sample_bytes(sample)))
                     yield sample
         stats.lose(max(stored.total, self._written[place]), 0)
+        self._file_is_ahead |= stored.total > self._written[place]
+        if stats.from_file and self._journal is not None:
+            self._file_damage.append(
+                f"{stream}: the journal lacks {stats.from_file} samples of the session file"
+            )
 
     def _rows(self, place: int, block: IntArray) -> Rows:
         """The journal's rows of a block of samples."""
@@ -184,11 +198,12 @@ class Salvage:
                 isinstance(entry, Event) and entry.kind is EventKind.IMPORTED for entry in entries
             )
             yield from entries
+        self._file_is_ahead |= count > self._written[-1]
         if (lost := self._written[-1] - count) > 0:
-            what = "events, slopes and records of health"
-            self._missing.append(f"{lost} of {self._written[-1]} {what} are lost")
+            self._lose(lost, f"{lost} of {self._written[-1]} events, slopes and records of health are lost")
         if self._session is not None and self._journal is None:
-            self._file_damage.extend(_lost_rows(self._session))
+            for name, there, claimed in _lost_rows(self._session):
+                self._lose(claimed - there, f"{name}: rows {there} to {claimed - 1} of {claimed} are lost")
 
     def time_map(self) -> dict[str, AnyArray]:
         """The corrections of the clock written since, which only the file has; empty without any."""
@@ -197,8 +212,12 @@ class Salvage:
         try:
             return _time_map(self._session)
         except _UNREADABLE as error:
-            self._file_damage.append(f"time_map: {message_of(error)}")
+            self._lose(1, f"time_map: {message_of(error)}")
             return {}
+
+    def _lose(self, count: int, text: str) -> None:
+        self.lost_entries += count
+        self._missing.append(text)
 
 
 def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
@@ -217,7 +236,9 @@ def _key(entry: Entry) -> tuple[object, ...]:
         return entry.time_ns // 1000, entry.region.name, entry.region.vertices
     if isinstance(entry, MinuteRecord):
         return (entry.time_ns // 1000,)
-    return (entry.mono_ns, entry.kind, entry.text) if isinstance(entry, Event) else (entry.mono_ns,)
+    if isinstance(entry, Event):
+        return entry.mono_ns, entry.kind, str(entry.text)[:60]  # the file may have cut it
+    return (entry.mono_ns,)
 
 
 def _time_map(session: SessionReader) -> dict[str, AnyArray]:
@@ -266,8 +287,8 @@ def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     return entries
 
 
-def _lost_rows(session: SessionReader) -> Iterator[str]:
-    """Rows of tables that the file claims but does not hold, in words."""
+def _lost_rows(session: SessionReader) -> Iterator[tuple[str, int, int]]:
+    """Tables with how many rows the file holds, and how many more it claims."""
     columns_by_table = entry_columns(session.header)
     for name in session.tables:
         column = columns_by_table[name][0].name
@@ -276,7 +297,7 @@ def _lost_rows(session: SessionReader) -> Iterator[str]:
         except _UNREADABLE:
             continue  # reported when its entries were read
         if there < claimed:
-            yield f"{name}: rows {there} to {claimed - 1} are lost ({claimed - there} of {claimed})"
+            yield name, there, claimed
 
 
 # --- counting what is kept and what is lost
@@ -300,11 +321,12 @@ class LostRange:
 
 @dataclass
 class RecoveryStatistics:
-    """Outcome of one stream: samples kept, of those only in the journal, checksums, runs lost."""
+    """Outcome of one stream: samples kept, of those only on one side, checksums, runs lost."""
 
     stream: str
     kept: int = 0
     from_journal: int = 0
+    from_file: int = 0
     lost: list[LostRange] = field(default_factory=list)
     crc32s: list[int] = field(default_factory=list)
     last_ns: int = 0
@@ -324,9 +346,6 @@ class RecoveryStatistics:
 
 
 # --- what the session's file still has: samples by its own index, chunks by the journal's
-
-Index = dict[tuple[int, ...], tuple[int, int]]
-"""Offset and size of chunks by the first row, and row and column of the frame."""
 
 
 class StoredSamples:
@@ -357,10 +376,7 @@ class StoredSamples:
         spans = [(int(run[0]), int(run[-1]) + 1) for run in runs]
         numbers = [self._reader.column("seq", start, stop) for start, stop in spans]
         self.numbers = np.concatenate([self.numbers, *numbers])
-        self.total = self._reader.claimed
-        if len(self.numbers):  # after a recovery that lost some, numbers run ahead of rows
-            ahead = int(self.numbers[-1] - self._whole[-1])
-            self.total += ahead if 0 < ahead < self.total else 0
+        self.total = self._claimed = self._reader.claimed
 
     def has(self, seq: int) -> bool:
         """True if the file has a row of that number."""
@@ -375,7 +391,10 @@ class StoredSamples:
         if first != self._first:
             self._first, self._block = first, self._read(first)
         sample = self._block[row - first] if row - first < len(self._block) else None
-        return None if sample is None or sample.quality & Quality.BAD_CRC or sample.seq != seq else sample
+        if sample is None or sample.quality & Quality.BAD_CRC or sample.seq != seq:
+            return None
+        self.total = max(self.total, self._claimed + seq - row)  # numbers that an earlier recovery lost
+        return sample
 
     def _read(self, first: int) -> list[Sample]:
         assert self._reader is not None
@@ -398,7 +417,6 @@ class LooseChunks:
         self._journal = journal
         self._info = info
         self._blocks: dict[str, tuple[int, CountArray]] = {}
-        self._indexes: dict[str, Index] = {}
 
     def pack(self, start: int) -> list[PackedChunk] | None:
         """Every chunk of the block that begins with that row, packed; None if one is not as written."""
@@ -408,11 +426,9 @@ class LooseChunks:
         for dataset in self._session.stream(self._info.name).frame_datasets:
             if dataset.shape[0] < start + dataset.chunks[0]:
                 return None
-            index = self._indexes.get(dataset.name) or self._indexes.setdefault(dataset.name, _index(dataset))
-            places = {chunk[1:-1]: chunk for chunk in self._chunks(dataset.name, start)}
+            latest = {(chunk.y, chunk.x): chunk for chunk in self._chunks(dataset.name, start)}
             for corner in corners(dataset):
-                # copied unread only where file and journal agree on its place
-                chunk = places.get((start, *corner, *index.get((start, *corner), (-1, -1))))
+                chunk = latest.get(corner)
                 data = read_chunk(self._path, chunk) if chunk is not None else None
                 if data is None:
                     return None
@@ -449,15 +465,3 @@ class LooseChunks:
 
     def _chunks(self, dataset: str, start: int) -> list[Chunk]:
         return self._journal.chunks(dataset, start) if self._journal is not None else []
-
-
-def _index(dataset: h5py.Dataset) -> Index:
-    """Place of each chunk in the file's own index: read in one go, asking for single ones is slow."""
-    index: Index = {}
-
-    def visit(chunk: Any) -> None:
-        index[tuple(chunk.chunk_offset)] = chunk.byte_offset, chunk.size
-
-    with contextlib.suppress(OSError, RuntimeError):
-        dataset.id.chunk_iter(visit)
-    return index

@@ -231,7 +231,7 @@ class SessionWriter:
                 return seal(self.path, journal_crc32s(journal), SEALED)
         from fieldkit.sessions.recovery import rebuild  # takes half a second, and is hardly ever needed
 
-        return rebuild(self.path, SEALED)
+        return rebuild(self.path, SEALED)[0]
 
     def _not_sealed(self, error: Exception) -> StorageError:
         text = f"the session could not be sealed: {message_of(error)}"

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 def command(paths: tuple[Path, ...], tidy: bool) -> None:
     """Finish interrupted sessions from their journals; without PATHS, all of the campaign.
 
-    Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if samples are lost.
+    Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if anything is lost, or
+    may be at the end.
     """
     from fieldkit.recording.request_reader import recover_session
 
@@ -54,12 +55,10 @@ def command(paths: tuple[Path, ...], tidy: bool) -> None:
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})
     if first_error is not None:
         raise first_error
-    if any(report.lost_samples for report in reports):
-        raise IntegrityError(
-            "samples are lost", fix="the lines marked LOST list them; all other samples are intact"
-        )
-    if any(report.damage and not report.end_is_known for report in reports):
-        raise IntegrityError("samples may be lost at the end", fix="all samples in the session are intact")
+    if lost := sum(report.lost_samples + report.lost_entries for report in reports):
+        raise IntegrityError(f"{lost} records are lost", fix="all others are intact")
+    if any(report.doubt for report in reports):
+        raise IntegrityError("the end is not known", fix="all samples in the session are intact")
 
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:
@@ -84,12 +83,18 @@ def _print(report: RecoveryReport, *, keeps_file: bool) -> None:
     for run in report.lost:
         between = " ".join(_between(run))
         click.echo(f"  LOST {run.stream}: {run.count} samples, numbers {run.first} to {run.last}, {between}")
-    if not report.end_is_known:
-        click.echo("  the end is not known: samples behind the last one may be lost")
     for line in report.damage:
         click.echo(f"  damaged: {line}")
+    click.echo(f"  {_conclusion(report)}")
     if keeps_file and report.crashed is not None:
         say(f"the file as it was: {report.crashed.name} (fieldkit recover --tidy deletes it)")
+
+
+def _conclusion(report: RecoveryReport) -> str:
+    """Which of the three it was: complete, its end not known, or so much lost."""
+    lost = f"lost: {report.lost_samples} samples, {report.lost_entries} other records"
+    lines = [lost] * (report.outcome == "lost") + [f"end not known: {report.doubt}"] * bool(report.doubt)
+    return "; ".join(lines) or "complete: everything that was recorded is there"
 
 
 def _between(run: LostRange) -> Iterator[str]:
@@ -106,7 +111,8 @@ def _utc(time_ns: int) -> str | None:
 
 def _document(report: RecoveryReport) -> dict[str, object]:
     counts = {"samples": report.counts, "from_journal": report.from_journal}
-    lost, state = list(map(_lost_document, report.lost)), attributes(report, "was_complete", "end_is_known")
+    state = attributes(report, "was_complete", "outcome", "doubt", "lost_samples", "lost_entries")
+    lost = list(map(_lost_document, report.lost))
     return {"session": str(report.path), **state, **counts, "lost": lost, "damage": list(report.damage)}
 
 

@@ -13,7 +13,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.recovery import Outcome, recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import (
     STREAMS,
@@ -75,7 +75,7 @@ def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path, trial
         assert session.state == "interrupted"
         assert not any(item.quality & Quality.BAD_CRC for item in session.samples())
     report = recover(path)
-    assert report.lost_samples == 0
+    assert report.outcome is Outcome.COMPLETE
     assert not report.damage
     check_complete(path, stored)
     with open_session(path) as session:
@@ -83,11 +83,11 @@ def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path, trial
     assert not path.with_name("field.h5.journal").exists()
 
 
-@pytest.mark.parametrize("trial", trials(range(2), range(2, 60)))
+@pytest.mark.parametrize("trial", trials(range(2), range(2, 140)))
 def test_recording_killed_while_it_begins_can_be_finished_or_leaves_nothing(tmp_path, trial):
     path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.25), stage=0)
     if path.exists() or path.with_name("field.h5.journal").exists():
-        assert recover(path).lost_samples == 0
+        assert recover(path).outcome is Outcome.COMPLETE
     assert not is_interrupted(path)
     if path.exists():
         check_complete(path, stored_counts(tmp_path / "counters"))
@@ -102,7 +102,7 @@ def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path, trial):
     process = started(recover_until_killed, path, again, counters=again, stage=1)
     time.sleep(random.Random(trial).uniform(0.0, 0.25))  # likewise
     kill(process)
-    assert recover(path).lost_samples == 0
+    assert recover(path).outcome is Outcome.COMPLETE
     check_complete(path, stored)
     assert sorted(item.name for item in tmp_path.glob("field*")) in (
         ["field.h5", "field.h5.crashed"],
@@ -113,8 +113,7 @@ def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path, trial):
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 50)))
 def test_closing_killed_at_any_moment_can_be_finished(tmp_path, trial):
     path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.12), frames=40, stage=2)
-    report = recover(path)
-    assert report.lost_samples == 0
+    assert recover(path).outcome is Outcome.COMPLETE
     check_complete(path, {"camera": 40, "lux": 4, "thermometer": 4})
 
 
@@ -157,5 +156,5 @@ def test_process_that_ends_without_closing_ends_and_leaves_the_session_to_recove
     done = subprocess.run(command, cwd=PROJECT, timeout=500, capture_output=True, check=False)
     assert b"KeyboardInterrupt" in done.stderr
     report = recover(path)
-    assert report.lost_samples == 0
+    assert report.outcome is Outcome.COMPLETE
     assert not report.damage

@@ -12,10 +12,11 @@ from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, 
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import journal as journal_module
-from fieldkit.sessions import session_file
+from fieldkit.sessions import journal_reader, session_file
 from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.log import Kind, LogReader, LogWriter, session_number
+from fieldkit.sessions.lock import OWNER_BYTES, RECORDING
+from fieldkit.sessions.log import Kind, LogReader, LogWriter, encode_record, session_number
 from fieldkit.sessions.records import (
     MinuteRecord,
     RegionRecord,
@@ -55,9 +56,9 @@ def test_entry_that_makes_no_sense_is_named():
         decode_entry("event", '{"kind": 3}')
 
 
-def filled(folder: Path, frames: int, part_bytes: int) -> Journal:
+def filled(folder: Path, frames: int, part_bytes: int, session_id: str = "a-session") -> Journal:
     folder.mkdir()
-    journal = Journal(folder, IDENTITY)
+    journal = Journal(folder, replace(IDENTITY, session_id=session_id))
     journal.part_bytes = part_bytes
     for seq in range(frames):
         journal.append(sample(HEADER.streams[0], seq))
@@ -84,7 +85,7 @@ def test_records_come_back_in_order_over_many_parts(tmp_path):
         assert reader.numbers(2).tolist() == []
         assert list(reader.crc32s(0)) == [encode_sample(sample(HEADER.streams[0], n))[1] for n in range(40)]
         assert reader.written == journal.written == (40, 8, 0, 8)
-        assert reader.has_end
+        assert not reader.doubt
         assert not reader.damage
     journal.close()
 
@@ -127,7 +128,7 @@ def test_retired_part_leaves_all_but_the_frames(tmp_path):
         assert all(row.sample(HEADER.streams[1]) is not None for row in reader.rows(1))
         assert len(list(reader.entries())) == 8
         assert reader.written == journal.written
-        assert reader.has_end
+        assert not reader.doubt
     journal.close()
 
 
@@ -179,7 +180,7 @@ def test_journal_without_its_first_part_still_reads(tmp_path):
         assert numbers == list(range(numbers[0], 40))
         assert numbers[0] > 0
         assert reader.written == (40, 8, 0, 8)
-        assert reader.has_end
+        assert not reader.doubt
 
 
 def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(tmp_path):
@@ -196,37 +197,109 @@ def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(t
     with JournalReader(journal.folder) as reader:
         assert reader.numbers(0).tolist() == [0, 1, 2]
         assert reader.written == (3, 1, 0, 1)
+        assert [line.split()[0] for line in reader.left_out] == ["6"]
 
 
-@pytest.mark.parametrize("name", ["confirmed.log", "kept.log"])
-def test_file_of_the_journal_that_is_gone_is_named(tmp_path, name):
-    journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
-    journal.close()
-    (journal.folder / name).unlink()
-    with JournalReader(journal.folder) as reader:
-        assert reader.damage == [f"{name} is gone"]
+def doubt(folder: Path) -> str:
+    with JournalReader(folder) as reader:
+        return reader.doubt
 
 
-def test_end_that_only_the_count_knows_of_is_lost_and_not_the_end(tmp_path):
-    journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
-    journal.confirm(journal.written)
-    journal.close()
-    part = journal.part_path(1)
+def lose_the_last_record(folder: Path) -> None:
+    part = folder / "000002.log"
     log = LogReader(part)
     *_, last = log.heads()
     log.close()
-    part.write_bytes(part.read_bytes()[: last.at])  # as if the last record had never been there
-    with JournalReader(journal.folder) as reader:
-        assert not reader.has_end
+    with part.open("r+b") as file:
+        file.truncate(last.at)  # as if it had never been there
+
+
+def copy_the_last_part(folder: Path) -> None:
+    shutil.copy(folder / "000002.log", folder / "copy")
+    (folder / "copy").replace(folder / "000002.log")
+
+
+def count_in_lock(folder: Path, *counts: int, session_id: str = "a-session") -> None:
+    with (folder / RECORDING).open("r+b") as file:
+        file.seek(OWNER_BYTES)
+        file.writelines(encode_record(session_number(session_id), Kind.WRITTEN, 0, counts))
+
+
+@pytest.mark.parametrize(
+    ("change", "is_known"),
+    [
+        (lambda folder: None, True),
+        (lambda folder: (folder / "000001.log").unlink(), True),
+        (lambda folder: (folder / "confirmed.log").unlink(), True),
+        (lambda folder: count_in_lock(folder, 9, 2, 0, 2), True),  # killed between record and lock
+        (lambda folder: count_in_lock(folder, 9, 2, 0, 1), False),
+        (lambda folder: count_in_lock(folder, 11, 2, 0, 2), False),
+        (lambda folder: count_in_lock(folder, 10, 2, 0, 2, session_id="another"), False),
+        (lambda folder: (folder / RECORDING).unlink(), False),
+        (lambda folder: (folder / "000002.log").unlink(), False),
+        (lose_the_last_record, False),
+        (copy_the_last_part, False),
+    ],
+)
+def test_end_of_a_killed_recording_is_known_where_lock_and_last_part_agree(
+    tmp_path, monkeypatch, change, is_known
+):
+    folder = filled(tmp_path / "journal", 10, part_bytes=15_000).folder
+    shutil.copytree(folder, tmp_path / "copy")
+    change(folder)
+    assert bool(doubt(folder)) != is_known
+    assert doubt(tmp_path / "copy")  # its lock may be as old as its parts
+    monkeypatch.setattr(journal_reader, "boot_id", lambda: "after a power cut")
+    assert doubt(folder)
+
+
+def test_end_of_a_closed_journal_is_known_wherever_it_is(tmp_path, monkeypatch):
+    journal = filled(tmp_path / "journal", 10, part_bytes=15_000)
+    journal.close()
+    shutil.copytree(journal.folder, tmp_path / "copy")
+    monkeypatch.setattr(journal_reader, "boot_id", lambda: "after a power cut")
+    assert not doubt(tmp_path / "copy")
+    lose_the_last_record(journal.folder)
+    assert doubt(journal.folder)
+
+
+def test_what_was_confirmed_and_is_gone_is_counted(tmp_path):
+    journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
+    journal.confirm(journal.written)
+    (journal.folder / RECORDING).unlink()
+    part = journal.part_path(1)
     part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
     with JournalReader(journal.folder) as reader:
         assert reader.written == (10, 2, 0, 2)
         assert len(reader.numbers(0)) < 10
-        assert not reader.has_end
-    (journal.folder / "confirmed.log").unlink()
+
+
+@pytest.mark.parametrize("session_id", [None, "a-session", "another"])
+def test_session_is_that_of_most_files_or_the_one_asked_for(tmp_path, session_id):
+    journal = filled(tmp_path / "journal", 10, part_bytes=15_000)
+    other = filled(tmp_path / "other", 30, part_bytes=15_000, session_id="another")
+    shutil.copy(other.part_path(2), journal.part_path(0))  # the first by its name
+    with JournalReader(journal.folder, session_id) as reader:
+        assert reader.identity.session_id == (session_id or "a-session")
+        ours = reader.numbers(0).tolist()
+        (foreign,) = [line for line in reader.left_out if "000000.log" in line] or [""]
+    assert (ours == list(range(10))) == (session_id != "another")
+    assert bool(foreign) == (session_id != "another")
+
+
+def test_parts_are_taken_by_their_numbers_once_and_the_rest_is_counted(tmp_path):
+    journal = filled(tmp_path / "journal", 10, part_bytes=15_000)
+    first, second = journal.part_path(1), journal.part_path(2)
+    shutil.copy(first, journal.part_path(7))
+    for place, name in ((first, "aside"), (second, first), (journal.folder / "aside", second)):
+        place.rename(journal.folder / name)
     with JournalReader(journal.folder) as reader:
-        assert reader.written[0] == len(reader.numbers(0))
-        assert not reader.has_end
+        rows = list(reader.since(0, 14))
+        assert len(rows) == 14
+        assert [row.seq for row in rows if isinstance(row, SampleRow) and row.stream == 0] == list(range(10))
+        again = [int(line.split()[0]) for line in reader.left_out if "000007.log" in line]
+        assert again == [journal.full_parts[0][1]]
+        assert not reader.doubt
 
 
 def test_folder_without_a_journal_is_refused(tmp_path):
@@ -254,7 +327,7 @@ def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path):
     with JournalReader(journal.folder) as reader:
         assert sum(len(reader.numbers(stream)) for stream in range(3)) == stored - 2
         assert len(list(reader.entries())) == 3
-        assert reader.has_end
+        assert not reader.doubt
         assert not reader.damage
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import RefusedError
-from fieldkit.sessions.lock import PATIENCE_S, RECORDING, SessionLock, is_locked, owner
+from fieldkit.sessions.lock import OWNER_BYTES, PATIENCE_S, RECORDING, SessionLock, is_locked, owner
 
 
 def test_lock_is_for_one_and_names_its_process(tmp_path):
@@ -21,6 +21,13 @@ def test_lock_is_for_one_and_names_its_process(tmp_path):
     lock.release()
     assert owner(tmp_path) is None
     SessionLock(tmp_path).release()
+
+
+def test_what_stands_behind_the_owner_outlives_a_lock(tmp_path):
+    (tmp_path / RECORDING).write_bytes(b"123456789\n".ljust(OWNER_BYTES) + b"how much was written")
+    SessionLock(tmp_path).release()
+    text = (tmp_path / RECORDING).read_bytes()
+    assert (int(text[:OWNER_BYTES]), text[OWNER_BYTES:]) == (os.getpid(), b"how much was written")
 
 
 def look_for(tmp_path: Path, seconds: float) -> threading.Timer:

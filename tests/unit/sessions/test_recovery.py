@@ -5,6 +5,7 @@ import os
 import shutil
 import struct
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import h5py
@@ -14,11 +15,12 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import session_file
 from fieldkit.sessions.finished_file import apply_time_map
+from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.log import Kind, LogReader, LogWriter
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.recovery import Outcome, recover
 from fieldkit.sessions.sample_fields import STAMPS_BYTES
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
@@ -133,9 +135,7 @@ def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(seal
             if run is not None:
                 assert (run.first, run.last, run.count) == (len(there), FRAMES - 1, FRAMES - len(there))
                 assert (run.after_ns, run.before_ns) == (found[-1].time_ns, 0)
-                times = {"after_ns": run.after_ns, "before_ns": run.before_ns}
-                numbers = {"first": run.first, "last": run.last, "lost": run.count}
-                assert told[info.name].data == {**numbers, **times}
+                assert told[info.name].data == asdict(run)
                 assert told[info.name].severity is Severity.ERROR
         marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
         assert marks == [f"mark {100 * n}" for n in range(len(marks))]
@@ -226,45 +226,6 @@ def test_session_on_a_card_that_knows_no_links_is_recovered(interrupted, tmp_pat
         assert session.state == "recovered"
 
 
-def killed_before_its_place_is_taken(path: Path) -> None:
-    """Ended right before that step, which a signal would rarely hit; tests/e2e/test_kill.py ends anywhere."""
-    with pytest.MonkeyPatch.context() as killed:
-        killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt):
-            recover(path)
-
-
-def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path):
-    """After a power cut the journal may be gone and the new file not yet in its place."""
-    path = tmp_path / "a.h5"
-    recorded(path, 100, sealed=False)
-    log = journal_path(path) / "000001.log"
-    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
-    path.unlink()
-    shutil.copytree(tmp_path, tmp_path / "other")
-    whole = recover(tmp_path / "other" / "a.h5")
-    assert whole.lost_samples
-    path.write_bytes(b"an old file of which nothing can be read")
-    killed_before_its_place_is_taken(path)
-    shutil.rmtree(journal_path(path))
-    report = recover(path)
-    assert (report.counts, report.lost, report.from_journal) == (whole.counts, whole.lost, whole.from_journal)
-    assert report.crashed == tmp_path / "a.h5.crashed"
-    assert not (tmp_path / "a.h5.recovering").exists()
-    with open_session(path) as session:
-        assert session.state == "recovered"
-
-
-def test_new_file_of_another_session_of_that_name_is_not_used(originals, longer, tmp_path):
-    """As in simulation, where each recording of a day has the same time and name."""
-    killed_before_its_place_is_taken(longer)
-    longer.unlink(missing_ok=True)
-    (tmp_path / "a.h5.crashed").unlink(missing_ok=True)
-    shutil.rmtree(journal_path(longer))
-    shutil.copytree(originals[20], tmp_path, dirs_exist_ok=True)
-    assert recover(longer).counts["camera"] == 20
-
-
 def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path, monkeypatch):
     path = tmp_path / "a.h5"
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
@@ -285,19 +246,6 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tm
     with open_session(path) as session:
         marks = [event.mono_ns for event in session.events() if event.kind is EventKind.MARK]
     assert marks == list(range(200))
-
-
-def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(interrupted, tmp_path):
-    killed_before_its_place_is_taken(interrupted)
-    fresh = tmp_path / "a.h5.recovering"
-    with h5py.File(fresh) as file:
-        place = file["lux/value"].id.get_chunk_info(0).byte_offset
-    data = bytearray(fresh.read_bytes())
-    data[place + 5] ^= 1
-    fresh.write_bytes(data)
-    assert recover(interrupted).counts["lux"] == 20
-    with open_session(interrupted) as session:
-        assert [item.quality & Quality.BAD_CRC for item in session.samples("lux")] == [0] * 20
 
 
 def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path):
@@ -412,23 +360,68 @@ def test_session_without_a_sample_is_recovered(tmp_path):
     path.unlink()
     report = recover(path)
     assert report.counts == {"camera": 0, "lux": 0, "thermometer": 0}
-    assert (report.lost, report.end_is_known) == ((), True)
+    assert report.outcome is Outcome.COMPLETE
     with open_session(path) as session:
         assert session.state == "recovered"
 
 
-def test_end_that_is_not_known_is_said(interrupted):
-    """Half of the journal is gone, and with it the count of what the disk had confirmed."""
-    interrupted.unlink()
-    part = journal_path(interrupted) / "000001.log"
-    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
-    (journal_path(interrupted) / "confirmed.log").unlink()
+@pytest.fixture
+def killed(tmp_path, monkeypatch):
+    """A session whose recorder was killed, with all samples in its file; and a copy made half way."""
+    monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
+    monkeypatch.setattr(Journal, "close", lambda journal: None)  # a kill closes nothing
+    path = tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, CountedClock())
+    for seq in range(20):
+        for info in HEADER.streams:
+            writer.append(sample(info, seq))
+        if seq == 9:
+            shutil.copytree(journal_path(path), tmp_path / "older", ignore=shutil.ignore_patterns("reserve"))
+    writer.abandon(at_once=False)
+    return path
+
+
+def test_end_of_a_killed_recording_is_known_and_of_a_copy_is_not(killed, tmp_path):
+    shutil.copytree(journal_path(killed), tmp_path / "copy.h5.journal")
+    copy = recover(tmp_path / "copy.h5")
+    assert (copy.outcome, copy.counts) == (
+        Outcome.END_NOT_KNOWN,
+        {"camera": 20, "lux": 20, "thermometer": 20},
+    )
+    with open_session(copy.path) as session:
+        assert session.events()[-1].data["doubt"] == copy.doubt
+    assert recover(killed).outcome is Outcome.COMPLETE
+
+
+def test_session_file_that_goes_on_behind_the_journal_is_seen_to(killed, tmp_path):
+    """As a power cut can leave it; here under the same boot, and in the files that were written."""
+    for older in (tmp_path / "older").iterdir():
+        (journal_path(killed) / older.name).write_bytes(older.read_bytes())
+    report = recover(killed)
+    assert (report.outcome, report.counts["lux"]) == (Outcome.END_NOT_KNOWN, 20)
+    assert any("lux" in line and " 10 " in line for line in report.damage)  # those of the file alone
+
+
+def test_journal_of_another_session_is_left_out_and_kept(originals, interrupted, tmp_path):
+    folder = journal_path(interrupted)
+    before = {path.name for path in folder.iterdir()}
+    shutil.rmtree(folder)
+    shutil.copytree(journal_path(originals[95] / "a.h5"), folder)
     report = recover(interrupted)
-    assert not report.end_is_known
-    assert "confirmed.log is gone" in report.damage
-    with open_session(interrupted) as session:
-        text = session.events()[-1].text
-    assert text.endswith("samples behind the last one may be lost")
+    assert report.outcome is Outcome.END_NOT_KNOWN
+    assert report.counts["camera"] <= 20
+    (aside,) = tmp_path.glob("a.h5.journal.crashed-*")
+    assert {path.name for path in aside.iterdir()} == {*before, "recovery.lock"}
+    aside.rename(tmp_path / "b.h5.journal")
+    assert recover(tmp_path / "b.h5").counts["camera"] == 95
+
+
+def test_entries_that_are_lost_are_counted(killed):
+    killed.unlink()
+    part = journal_path(killed) / "000001.log"
+    part.write_bytes(part.read_bytes().replace(b"region\n", b"Region\n", 1))
+    report = recover(killed)
+    assert (report.outcome, report.lost_samples, report.lost_entries) == (Outcome.LOST, 0, 1)
 
 
 def test_import_that_was_interrupted_is_never_whole(tmp_path):
@@ -439,7 +432,6 @@ def test_import_that_was_interrupted_is_never_whole(tmp_path):
     fill(writer, 5, clock)
     writer.abandon(at_once=False)
     report = recover(path)
-    assert not report.end_is_known
-    assert "import it again" in report.damage[-1]
+    assert report.outcome is Outcome.END_NOT_KNOWN
     with open_session(path) as session:
-        assert "samples behind the last one may be lost" in session.events()[-1].text
+        assert session.events()[-1].data["doubt"] == report.doubt

@@ -21,7 +21,6 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.results.check import check as checked
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
-from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import SEALED, Column
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.log import Kind, LogWriter, session_number
@@ -130,36 +129,19 @@ def test_file_of_another_major_version_is_refused_at_the_door(path, version, ste
     assert [name.name for name in path.parent.iterdir()] == [path.name]
 
 
-@pytest.fixture
-def interrupted(tmp_path):
-    """A recording whose writer was killed: its file and its journal."""
-    path, clock = tmp_path / "cut.h5", CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 3, clock)
-    folder, kept = journal_path(path), tmp_path / "kept"
-    shutil.copytree(folder, kept)
-    writer.discard()
-    shutil.rmtree(folder, ignore_errors=True)
-    kept.rename(folder)
-    return folder
-
-
 @pytest.mark.parametrize("version", ["1", "3.0"])
-@pytest.mark.parametrize("has_file", [True, False])
-def test_journal_of_another_version_is_refused_and_left_as_it_is(interrupted, version, has_file):
-    path, identity = interrupted.with_name("cut.h5"), SessionIdentity("an-id", 1, 2, header((24, 32)))
-    facts = [identity.session_id, identity.start_ns, identity.anchor_ns, identity.header.to_json()]
-    log = LogWriter(interrupted / "000001.log", session_number("an-id"))
-    log.append(
-        Kind.IDENTITY, 0, (0, 0, 0, 0), json.dumps(facts if version == "1" else [version, *facts]).encode()
-    )
+def test_journal_of_another_version_is_refused_and_left_as_it_is(tmp_path, version):
+    part = journal_path(tmp_path / "cut.h5") / "000001.log"
+    part.parent.mkdir()
+    facts = [1, 2, 3, "boot", "an-id", 1, 2, header((24, 32)).to_json()]
+    log = LogWriter(part, session_number("an-id"))
+    head = facts if version == "1" else [version, *facts]
+    log.append(Kind.IDENTITY, 0, (0, 0, 0, 0), json.dumps(head).encode())
     log.close()
-    if not has_file:
-        path.unlink(missing_ok=True)
-    before = {file.name: file.read_bytes() for file in interrupted.glob("*.log")}
+    before = part.read_bytes()
     with pytest.raises(FormatError, match=f"format {version}"):
-        recover(path)
-    assert {file.name: file.read_bytes() for file in interrupted.glob("*.log")} == before
+        recover(tmp_path / "cut.h5")
+    assert part.read_bytes() == before
 
 
 def test_journal_that_is_no_log_is_left_as_it_is(tmp_path):
