@@ -14,6 +14,7 @@ import os
 import stat
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -80,8 +81,13 @@ def put_in_place(draft: Path, path: Path) -> None:
     Whatever happens meanwhile, a kill or a power cut, the path leads to the old file or to the new one.
     """
     sync(draft)
-    os.replace(draft, path)
-    sync(path.parent)
+    move_into_place(draft, path)
+
+
+def move_into_place(draft: Path, path: Path) -> None:
+    """The same for a draft that the disk has already."""
+    Patience()(partial(os.replace, draft, path))
+    Patience()(partial(sync, path.parent))
 
 
 @contextlib.contextmanager

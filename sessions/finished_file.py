@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.disk import Patience, one_at_a_time, put_in_place
+from fieldkit.disk import Patience, move_into_place, one_at_a_time, sync
 from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.durations import rounded_duration
@@ -40,6 +40,7 @@ def add_to_finished(path: Path, add: Callable[[h5py.File], None]) -> None:
     try:
         with one_at_a_time(path.parent):
             Patience()(partial(_change_copy, path, add))
+            move_into_place(changing_path(path), path)
     except OSError as error:
         raise StorageError(
             f"could not be corrected: {error.strerror or error}",
@@ -57,9 +58,10 @@ def _change_copy(path: Path, add: Callable[[h5py.File], None]) -> None:
         shutil.copystat(path, draft)
         with GuardedFile(draft) as file:
             add(file)
-        put_in_place(draft, path)
-    finally:
+        sync(draft)
+    except BaseException:
         draft.unlink(missing_ok=True)
+        raise
 
 
 def changing_path(path: Path) -> Path:

@@ -199,8 +199,11 @@ class Config:
         return table.factor_sd / table.factor if table.model == "calibrated" and table.factor else 0.0
 
     def to_toml(self) -> str:
-        """All active values as TOML without comments, as a session stores them."""
-        values = self.tables.model_dump(by_alias=True, exclude_none=True)
+        """All active values as TOML without comments, as a session stores them.
+
+        Without the words of ``alarms.command``: they may hold a secret, and no pattern knows all of those.
+        """
+        values = self.tables.model_dump(by_alias=True, exclude_none=True, exclude={"alarms": {"command"}})
         if self.pose is not None and (text := self.pose.table.trajectory) is not None:
             values["camera"]["pose"]["trajectory"] = _one_line(text)
         return tomlkit.dumps(values)

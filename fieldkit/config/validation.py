@@ -399,14 +399,8 @@ _SERVICE = re.compile(
     re.IGNORECASE,
 )
 """Addresses of services that alarms are sent to, which hold tokens or are secret themselves."""
-_OPTIONS = re.compile(
-    rf"(?:^|\s)(?:--?{_WORD}[ =]|-u ?|--user[ =])\S|\b(?:bearer|basic) \S{{8}}|\bauthorization:",
-    re.IGNORECASE,
-)
-"""A secret among the words of a command, such as curl's."""
 _STORED = "which every session would store"
 _SERVICES = f"can hold a token, {_STORED}; write addresses into a private file, which services_file names"
-_COMMAND = f"holds a password or token, {_STORED}; start a script that reads it from a file"
 _FILE = "holds the secret itself; write it into a file, and here that file's name"
 _OTHER = f"looks like a password or token, {_STORED}; keep it in a file of its own"
 
@@ -419,10 +413,10 @@ def secrets_in(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _values(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, str | int]]:
-    """Every text and whole number with its path; the words of a command as one text."""
-    if path == ("alarms", "command") and isinstance(value, list):
-        yield path, " ".join(map(str, value))
-    elif isinstance(value, Mapping | list):
+    """Every text and whole number with its path, except the words of the command, which no session stores."""
+    if path == ("alarms", "command"):
+        return
+    if isinstance(value, Mapping | list):
         parts = value.items() if isinstance(value, Mapping) else enumerate(value)
         for key, part in parts:
             yield from _values(part, (*path, key))
@@ -433,8 +427,6 @@ def _values(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, str | int]]:
 def _secret_message(path: KeyPath, value: str | int) -> str | None:
     text, key = str(value), str(path[-1])
     is_secret = _URL.search(text) or _SERVICE.search(text)
-    if path == ("alarms", "command"):
-        return _COMMAND if is_secret or _OPTIONS.search(text) else None
     if key.endswith("_file"):
         return _FILE if is_secret or "://" in text else None
     if path[0] == "alarms" and "://" in text:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+import re
 import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -149,11 +150,13 @@ def _write_parquet(path: Path, columns: Columns) -> None:
 def command_line() -> str:
     """The ``fieldkit`` command that is running, as it was typed; empty if another program calls fieldkit.
 
-    The arguments of a notebook's kernel or of a user's script are not ours to record.
+    The arguments of a notebook's kernel or of a user's script are not ours to record, nor are the words of
+    ``alarms.command``, which may hold a secret.
     """
     program = Path(sys.argv[0])
     is_fieldkit = program.stem == "fieldkit" or program.parts[-2:] == ("fieldkit", "__main__.py")
-    return shlex.join(["fieldkit", *sys.argv[1:]]) if is_fieldkit else ""
+    words = [re.sub("(alarms.*command.*?=).*", r"\1…", word, flags=re.DOTALL) for word in sys.argv[1:]]
+    return shlex.join(["fieldkit", *words]) if is_fieldkit else ""
 
 
 def provenance(sources: Sequence[Source], failures: Mapping[Path, FieldkitError]) -> dict[str, Any]:

@@ -24,13 +24,6 @@ REFUSED: list[tuple[str, Any, str]] = [
     ("alarms.services_file", f"tgram://{SECRET}/1", "that file's name"),
     ("alarms.services_file", TOKEN, "that file's name"),
     ("alarms.mqtt_password", SECRET, "a file of its own"),
-    ("alarms.command", ["curl", "-u", f"me:{SECRET}", "http://10.0.0.1/alarm"], "script"),
-    ("alarms.command", ["curl", "-H", f"Authorization: Bearer {SECRET}", "http://10.0.0.1"], "script"),
-    ("alarms.command", ["notify", f"--password={SECRET}"], "script"),
-    ("alarms.command", ["notify", "--api-token", SECRET], "script"),
-    ("alarms.command", ["curl", f"https://ntfy.sh/{SECRET}"], "script"),
-    ("alarms.command", ["apprise", f"tgram://{SECRET}/1"], "script"),
-    ("alarms.command", ["wget", f"https://example.org/hook?key={SECRET}"], "script"),
     ("camera.port", f"rtsp://admin:{SECRET}@10.0.0.2/stream", "a file of its own"),
     ("camera.options.password", SECRET, "a file of its own"),
     ("camera.options.login.auth_token", SECRET, "a file of its own"),
@@ -43,8 +36,6 @@ REFUSED: list[tuple[str, Any, str]] = [
 
 ACCEPTED: list[tuple[str, Any]] = [
     ("alarms.services_file", "~/.config/fieldkit/services.txt"),
-    ("alarms.command", ["curl", "--data", "x", "http://192.168.1.10:8123/alarm?zone=1"]),
-    ("alarms.command", ["notify", "--token-file", "/home/pi/token.txt"]),
     ("campaign.description", "mail: me@example.org; token of thanks; at 12:30 @ the field"),
     ("campaign.references", "https://doi.org/10.1000/1?page=2, https://medium.com/@me/sand"),
 ]

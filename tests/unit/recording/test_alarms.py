@@ -1,6 +1,7 @@
 """Every fault of the simulated field raises its alarm once, in time, and clears it; replay finds the same."""
 
 import json
+import queue
 import socket
 import sys
 import threading
@@ -31,6 +32,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.seldom import SELDOM
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 FAST = [
     "simulation.speed=max",
@@ -207,51 +209,57 @@ def test_a_command_that_hangs_and_a_broker_that_is_away_leave_the_recording_alon
 
 
 def test_an_output_that_fails_is_one_event(tmp_path):
-    settings = ['alarms.command=["/nonexistent/alarm"]', "simulation.speed=30", 'simulation.faults=["clock"]']
+    settings = [
+        'alarms.command=["/nonexistent/alarm", "s3cr3t"]',
+        "simulation.speed=30",
+        'simulation.faults=["clock"]',
+    ]
     settings.append("alarms.clear_s={clock = 5}")
     done = recording_of(tmp_path / "field", 2, *settings)
     with open_session(done.path) as session:
-        told = [event.text for event in session.events() if event.data.get("output") == "the command"]
-    assert len(told) == 1
-    assert "/nonexistent/alarm" in told[0]
+        (text,) = [event.text for event in session.events() if event.data.get("output") == "the command"]
+    assert "/nonexistent/alarm" in text
+    assert b"s3cr3t" not in done.path.read_bytes()  # the words of a command are not stored
 
 
 class Dripping(BaseHTTPRequestHandler):
-    """Answers every alarm of its first connection with a header that never ends."""
+    """Answers alarms with a header that never ends, except at one address."""
 
     def do_POST(self) -> None:
-        self.server.posted.append(json.loads(self.rfile.read(int(self.headers["Content-Length"])))["message"])
-        if len(self.server.posted) > 1:
-            self.send_response(200)
-            self.send_header("Content-Length", "0")
-            self.end_headers()
-            return
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self.server.paths.put(self.path)
         self.wfile.write(b"HTTP/1.1 200 OK\r\n")
         with suppress(OSError):
-            while not self.server.ended.wait(0.05):
+            while self.path != "/fourth" and not self.server.ended.wait(0.05):
                 self.wfile.write(b"X")
+            self.wfile.write(b"Content-Length: 0\r\n\r\n")
 
     def log_message(self, *words: object) -> None:
         """Nothing to print."""
 
 
-def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(monkeypatch):
+def test_three_servers_that_answer_in_drips_hold_up_neither_a_fourth_nor_their_next_alarm(monkeypatch):
     pytest.importorskip("apprise")
     monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)  # a shorter wait
+    paths = ["/first", "/second", "/third", "/fourth"]
     with ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as server:
-        server.posted, server.ended = [], threading.Event()
+        server.paths, server.ended = queue.Queue(), threading.Event()
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        outputs = AlarmOutputs((ServiceOutput(f"json://127.0.0.1:{server.server_port}/sand", 1),))
+        address = f"json://127.0.0.1:{server.server_port}"
+        outputs = AlarmOutputs([ServiceOutput(address + path, line) for line, path in enumerate(paths, 1)])
         for name in ("camera", "lux"):
             alarm = Alarm("lost", name, Severity.ERROR, 0, f"{name} does not respond")
             outputs.send(alarm.event(Phase.RAISED, 0, 0))
-        told: list[Event] = []
-        while not told:
-            told += outputs.failures(0, 0)
-        outputs.close()
-        assert "no complete response within 1 s" in told[0].text
-        assert server.posted == ["alarm: camera does not respond", "alarm: lux does not respond"]
+        posted = [server.paths.get(timeout=PATIENCE_S) for _ in 2 * paths]
+        assert sorted(posted) == sorted(2 * paths)
+        assert posted.index("/fourth", posted.index("/fourth") + 1) <= 4  # both, before any next drip
+        failures: list[Event] = []
+        wait_until(lambda: failures.extend(outputs.failures(0, 0)) or len(failures) == 3, "three fail")
+        assert {event.data["output"] for event in failures} == {
+            f"JSON (line {line} of alarms.services_file)" for line in (1, 2, 3)
+        }
         server.ended.set()
+        outputs.close()
         server.shutdown()
 
 
