@@ -36,6 +36,7 @@ from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.slab import Slab, conducted_flux
 
 MINUTE_S = 60.0
+# the heat conducted is close to a derivative of the temperature, which magnifies noise between minutes
 SMOOTHED_MINUTES = 5
 UNSTEADY = 0.1
 """Relative change of DNI from minute to minute that doubles the variance of a row."""

@@ -36,7 +36,7 @@ from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.trajectory import CameraPath
 
-LAW_STEP_K = 0.01
+LAW_STEP_K = 0.01  # finer than the noise of a pixel; whole numbers add up the same in any order
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ class RegionPixels:
     def _hold(self, masks: list[IndexArray], shape: tuple[int, int]) -> None:
         self._masks, self._shape = masks, shape
         self.pixels: IntArray = np.array([mask.size for mask in masks], np.int64)
-        self._indices = np.concatenate([*masks, np.array([], np.intp)])
+        self._indices = np.concatenate([*masks, np.array([], np.intp)])  # without regions, too
         # an empty region would make reduceat repeat its neighbour, so only the others are summed
         self._filled = np.flatnonzero(self.pixels)
         self._starts = (np.cumsum(self.pixels) - self.pixels)[self._filled]
@@ -318,6 +318,7 @@ class CameraBin:
         outline: RegionPixels | None = self.camera.outline
         if follower is not None:
             outline = follower.update(frame, self.camera)
+            # frames may come out of order; the last one in time says where the camera looks now
             if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
                 self.last_frame, self.shift_px = frame, follower.shift_px
                 self.loss = follower.loss if outline is None else ""
@@ -425,6 +426,7 @@ class RegionColumns:
         return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
 
 
+# columns of a history by type: a bin is a row
 _WHOLE = ("minute", "time_ns", "flags")
 _REAL = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s", "shift_px")
 
@@ -507,7 +509,7 @@ class History:
     def only(self, columns: IntArray) -> History:
         """Some of the regions, given as columns."""
         if np.array_equal(columns, np.arange(self.temperature_k.shape[1])):
-            return self
+            return self  # the usual case, at every minute: nothing is copied
         chosen = {
             name: getattr(self, name)[:, columns] for name in ("temperature_k", "region_flags", "probe_k")
         }

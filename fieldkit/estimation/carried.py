@@ -21,8 +21,8 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 
 LEAST_LEARNT = 0.02
 """Information of a session over that of its prior, below which it taught nothing."""
-_DEPTH = 2
-_QUANTILES = 400
+_DEPTH = 2  # its place among the unknowns of a hypothesis
+_QUANTILES = 400  # each stands for an equal share of the prior
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,7 @@ class SlopeChain:
         if estimated is None:
             estimated = Estimated(slopes(of_active, regions, self._of_bins))
         explained = [self._with_reason(slope, minute) for slope in estimated.slopes]
+        # a slope has two angles, and too few minutes measure one number: its component along the sun
         if any(slope.state is SlopeState.TOO_FEW for slope in explained):
             explained = [with_along_sun(slope, of_active, regions, self._settings) for slope in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
@@ -150,7 +151,8 @@ class SlopeChain:
             return None
         estimates = [estimate for group in self._groups for estimate in group.estimates(corrected)]
         order = [self.schedule.columns[column].name for column in self._active]
-        estimates.sort(key=lambda one: order.index(one.region))
+        # groups that were formed later come last, but slopes stand in the order of the regions
+        estimates.sort(key=lambda slope: order.index(slope.region))
         return Estimated(tuple(estimates), self._groups[0].learnt() if len(history) else None)
 
     def _regroup(self, active: IntArray) -> None:
@@ -286,6 +288,7 @@ class _Group:
     def _read(self, shaded: BoolArray) -> None:
         """Slopes and moments of what is learned by now, with the `shade` of the minutes."""
         if self._learner is not None:
+            # from the first minute taken on: a shade test that ends changes minutes that were taken
             self._shade = shaded[self._first :]
             self._errors = _errors(self._learner)
             self._found = [readout.known_slope(self._learner, index) for index in range(self._targets.size)]
@@ -353,6 +356,7 @@ class _Group:
                 flags=filled.flags | Quality.UNRESOLVED,
                 reason=f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well ({1.0 - slope.share:.0%})",
             )
+        # from what refuses a slope to what only leaves it wide: the first that applies is the state
         limit = self._settings.tilt_limit_deg
         if filled.tilt_deg > limit:
             return replace(
@@ -443,6 +447,7 @@ class _Group:
 
 def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
     """Prediction errors (n, regions) under the heaviest hypothesis: kelvin, and standardised."""
+    # one hypothesis, because a mixture has no innovations of its own
     heaviest = int(np.argmax(learner.posterior.log_weights))
     kelvin = np.array([innovation.difference[heaviest] for innovation in learner.innovations])
     return kelvin, np.array([innovation.standardised[heaviest] for innovation in learner.innovations])
@@ -468,6 +473,7 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
     grey = learner.settings.surface.emissivity_broadband
     kelvin = float(minute.temperature_k.mean())
     exchange = float(weights @ posterior.filters.exchange) * unlike.exchange
+    # a kelvin more loses so much, and a degree of tilt takes in so much more light
     loss = exchange + 4.0 * grey * STEFAN_BOLTZMANN * kelvin**3
     return kelvin_per_degree(tilt_deg, azimuth_deg, minute.sun, loss / light)
 

@@ -17,6 +17,7 @@ import numpy as np
 from fieldkit.model.arrays import FloatArray, IndexArray, IntArray
 from fieldkit.physics.facet import normal
 
+# the steps of the paper's own table: another grid would be another method
 TILT_STEP_DEG = 0.5
 AZIMUTH_STEP_DEG = 1.0
 

@@ -26,19 +26,23 @@ from fieldkit.model.site import RegionKind
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
+# more than the sun's own motion makes of the light in so short a time
 SUDDEN_CHANGE = 0.15
 SUDDEN_S = 120.0
+# light that stays within this for so long is past the cloud's edge
 STEADY_CHANGE = 0.05
 STEADY_S = 60.0
-NEW_WEATHER_S = 1200.0
-MIN_VALUES = 10
-SLOT_NS = 5 * SECOND_NS
+NEW_WEATHER_S = 1200.0  # a level that lasts is the weather, no disturbance of it
+MIN_VALUES = 10  # of fewer neither the parabola nor the scatter about it is known
+SLOT_NS = 5 * SECOND_NS  # bounds what a fast meter costs
 GUST_SD_K = 0.2
 """Scatter of a region's temperature from minute to minute by gusts outdoors: the least noise assumed."""
 UNCOOLED_K = 2.0 * GUST_SD_K
 """Cooling within a minute and a half that a board exceeds even in thin sun, on dry sand by several times."""
 MOVED_PX = 1.5
 """Growth of the correction that is worth an event."""
+SLACK_SDS, ALARM_SDS, MEMORY_MINUTES = 0.5, 8.0, 30
+"""Page's k and h, in standard deviations, and the minutes that a forecast is fitted to."""
 
 
 class DisturbanceMonitor:
@@ -65,7 +69,7 @@ class DisturbanceMonitor:
         self._shift_px = 0.0
         self._is_lost = False
         self._outside: set[int] = set()
-        self._settled_ns = -(2**62)
+        self._settled_ns = -(2**62)  # long past, and far from the end of 64 bits
         self._last_sums: dict[str, tuple[int, list[int]]] = {}
         self._events: list[Event] = []  # of the present bin, which ends at these monotonic and UTC times
         self._at_ns = (0, 0)
@@ -127,14 +131,15 @@ class DisturbanceMonitor:
 
     def _clouds(self, light: MinuteIrradiance, settings: EstimatorSettings) -> None:
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
-            change = self._light.update(reading.mono_ns, reading.time_ns, clearness)
+            change = self._light.update(reading.time_ns, clearness)
             if change is None:
                 continue
-            if change.kind == "end":
-                self._settled_ns = change.time_ns + round(settings.settle_s * 1e9)
-            at_ns, text = (change.mono_ns, change.time_ns), f"cloud {change.kind}s: {change.text}"
-            severity = Severity.WARNING if change.kind == "begin" else Severity.INFO
-            data = {"phase": change.kind}
+            phase, why = change
+            if phase == "end":
+                self._settled_ns = reading.time_ns + round(settings.settle_s * 1e9)
+            at_ns, text = (reading.mono_ns, reading.time_ns), f"cloud {phase}s: {why}"
+            severity = Severity.WARNING if phase == "begin" else Severity.INFO
+            data = {"phase": phase}
             self._events.append(Event(EventKind.CLOUD, *at_ns, text, reading.stream, severity, data))
 
     def _jumps(self, entry: MinuteBin, reference_k: float) -> None:
@@ -220,6 +225,7 @@ class DisturbanceMonitor:
         drifts = {
             column
             for column, monitor in self._drift.items()
+            # a shade monitor sees falls: with the sign changed it sees what grows warmer
             if monitor.update(entry.minute, -float(over_k[column]))
         }
         changed, self._drifting = drifts ^ self._drifting, drifts
@@ -234,6 +240,7 @@ class DisturbanceMonitor:
         for name, frames in minute.cameras.items():
             last, sums = self._last_sums.get(name), (frames.sums.frames, frames.sums.totals)
             self._last_sums[name] = sums
+            # no two bins of a camera that lives have equal sums over thousands of noisy pixels
             if sums == last and frames.sums.frames:
                 kelvin = entry.temperature_k.copy()
                 kelvin[frames.camera.columns] = np.nan
@@ -277,14 +284,8 @@ def end_of(minute: OpenBin) -> tuple[int, int]:
     return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
 
 
-@dataclass(frozen=True, slots=True)
-class CloudChange:
-    """The light became unsteady (`begin`) or steady again (`end`), with the reason in words."""
-
-    kind: Literal["begin", "end"]
-    mono_ns: int
-    time_ns: int
-    text: str
+CloudChange = tuple[Literal["begin", "end"], str]
+"""The light became unsteady or steady again, with the reason in words."""
 
 
 class CloudMonitor:
@@ -302,13 +303,13 @@ class CloudMonitor:
         self._steady_at = float("nan")
         self.cloudy: bool = False
 
-    def update(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
+    def update(self, time_ns: int, clearness: float) -> CloudChange | None:
         """Take one reading relative to its clear-sky expectation; NaN and values <= 0 are skipped."""
         if not np.isfinite(clearness) or clearness <= 0.0:
             return None
         self._remember(time_ns // SLOT_NS, clearness)
         if self.cloudy:
-            return self._ending(mono_ns, time_ns, clearness)
+            return self._ending(time_ns, clearness)
         lowest = min(low for _, low, _ in self._recent)
         highest = max(high for _, _, high in self._recent)
         change = max(clearness / highest - 1.0, clearness / lowest - 1.0, key=abs)
@@ -317,7 +318,7 @@ class CloudMonitor:
         self.cloudy = True
         self._level = highest if change < 0 else lowest
         self._steady_since, self._steady_at = time_ns, clearness
-        return CloudChange("begin", mono_ns, time_ns, f"light changed by {change:+.0%} within 2 min")
+        return "begin", f"light changed by {change:+.0%} within 2 min"
 
     def _remember(self, slot: int, clearness: float) -> None:
         """Keep the lowest and highest of every 5 s, to bound the cost of a fast meter."""
@@ -329,7 +330,7 @@ class CloudMonitor:
         else:
             self._recent.append((slot, clearness, clearness))
 
-    def _ending(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
+    def _ending(self, time_ns: int, clearness: float) -> CloudChange | None:
         if abs(clearness / self._steady_at - 1.0) > STEADY_CHANGE:
             self._steady_since, self._steady_at = time_ns, clearness
             return None
@@ -338,9 +339,9 @@ class CloudMonitor:
         if steady_s < (STEADY_S if back else NEW_WEATHER_S):
             return None
         self.cloudy = False
-        self._recent.clear()
+        self._recent.clear()  # the level of before may be another weather's
         text = "light is back" if back else f"light steady at {clearness / self._level:.0%} of its old level"
-        return CloudChange("end", mono_ns, time_ns, text)
+        return "end", text
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,23 +356,19 @@ class Jump:
 class Cusum:
     """Two-sided cumulative sum on the residuals of a quadratic forecast of one-minute values.
 
-    `slack` and `limit` are in standard deviations (Page's k and h); with a limit of 8 seven clear hours raise
-    no false alarm. The forecast is fitted to the last `memory` minutes; its residual is scaled by the scatter
-    of past ones, at least `least_sd`.
+    With a limit of 8 seven clear hours raise no false alarm. The forecast is fitted to the last
+    `MEMORY_MINUTES`; its residual is scaled by the scatter of past ones, at least `least_sd`.
 
     References
     ----------
     E. S. Page, "Continuous inspection schemes", Biometrika 41, 1954.
     """
 
-    slack: float = 0.5
-    limit: float = 8.0
-    memory: int = 30
     least_sd: float = 0.03
-    high: float = 0.0
-    low: float = 0.0
+    _high: float = 0.0
+    _low: float = 0.0
     _values: deque[tuple[float, float]] = field(default_factory=deque)
-    _errors: deque[float] = field(default_factory=deque)
+    _errors: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY_MINUTES))
 
     def update(self, minute: int, value: float) -> Jump | None:
         """Take the value of a minute; returns a `Jump` on alarm. NaN is skipped.
@@ -380,7 +377,7 @@ class Cusum:
         """
         if not np.isfinite(value):
             return None
-        while self._values and minute - self._values[0][0] > self.memory:
+        while self._values and minute - self._values[0][0] > MEMORY_MINUTES:
             self._values.popleft()
         jump = None
         if len(self._values) >= MIN_VALUES:
@@ -398,13 +395,11 @@ class Cusum:
         scatter = float(np.std(self._errors)) if len(self._errors) >= MIN_VALUES else 0.0
         score = error / max(self.least_sd, scatter)
         self._errors.append(error)
-        if len(self._errors) > self.memory:
-            self._errors.popleft()
-        self.high = max(0.0, self.high + score - self.slack)
-        self.low = max(0.0, self.low - score - self.slack)
-        if max(self.high, self.low) <= self.limit:
+        self._high = max(0.0, self._high + score - SLACK_SDS)
+        self._low = max(0.0, self._low - score - SLACK_SDS)
+        if max(self._high, self._low) <= ALARM_SDS:
             return False
-        self.high = self.low = 0.0
+        self._high = self._low = 0.0
         return True
 
 

@@ -23,7 +23,7 @@ from fieldkit.physics.sun import sun_vectors
 
 SUNLIGHT = ("dni", "ghi", "gti", "illuminance")
 """Components that DNI can be derived from, best first: the fewer assumptions the better."""
-SLOW_HZ = 1.0 / 120.0
+SLOW_HZ = 1.0 / 120.0  # slower streams have no value in some minutes: theirs are means that stand for a while
 OVERDUE = 1.5
 """Number of its own intervals after which a mean of more than a minute has expired."""
 LEAST_READINGS = 6

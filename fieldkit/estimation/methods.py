@@ -42,9 +42,9 @@ from fieldkit.physics.facet import angle_between_deg, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
-MIN_DIFFERENCES = 8
-SHADE_SIGMAS = 2.0
-SHADE_ROUNDS = 10
+MIN_DIFFERENCES = 8  # second differences of ten minutes
+SHADE_SIGMAS = 2.0  # only light that noise does not explain puts a row in the sun
+SHADE_ROUNDS = 10  # a choice of rows that still changes then contradicts its own slope
 SETTLED_DEG = 0.01
 """Move of a slope in a round below which what is uncertain of the light on it no longer changes."""
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)

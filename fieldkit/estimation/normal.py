@@ -22,7 +22,7 @@ from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 
 LOWEST_COS_INCIDENCE = 0.03
 """Cosine of incidence below which a facet counts as self-shaded."""
-POLISH_STEPS = 30
+POLISH_STEPS = 30  # a bound: most need three
 _MERGED = 1e-5
 """Chord below which two branches are one: the slope lies on the fold."""
 _ROUNDING_DEG = 1e-3

@@ -23,7 +23,7 @@ Measure = Callable[[AnyArray], AnyArray]
 
 NODES, GENERATOR = 55, 34
 """Points of the lattice: probabilities are good to about 0.03."""
-PIECE = 2048
+PIECE = 2048  # pixels at a time: every one has a lattice of normals
 LEAST_ACROSS = 0.05
 """Least distance from the plane of the sun's motion, where the sphere stands square to it."""
 LEAST_SINE = 0.01

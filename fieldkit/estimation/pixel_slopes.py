@@ -29,7 +29,7 @@ from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import normal, tilt_azimuth
 
-PIECE = 32_768
+PIECE = 32_768  # pixels at a time, so that their intermediate arrays stay small
 DEGREES = np.float32(180.0 / np.pi)
 STEPS = 24
 """Points along the ellipse's edge: its extremes are met within one part in a hundred."""

@@ -12,14 +12,14 @@ from typing import Any, Literal
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
 
-MIN_PIXELS = 100
+MIN_PIXELS = 100  # their mean has a tenth of the noise of one pixel
 MOST_OF_FRAME = 0.9
 """A region that covers more of the frame than this sees more than one bed."""
 EDGE_PX = 2
 UNEVEN_EDGE_K = 1.0
 CLEAN_EDGE_K = 0.2
 """A larger edge difference is a warning; shrinking should bring it below the smaller value."""
-MOST_SHRUNK_PX = 10
+MOST_SHRUNK_PX = 10  # an edge that is uneven farther in is no edge, but the bed
 LARGEST_PX = 4096
 """Rows and columns of a frame whose size is not known: no thermal camera has more, and masks take memory."""
 Level = Literal["ok", "warn", "FAIL"]

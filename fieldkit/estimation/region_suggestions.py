@@ -19,14 +19,15 @@ CONTRAST_OVER_SPREAD = 3.0
 """A bed differs from what surrounds it by more than this and by this many times its own spread."""
 _COLS = 160
 """Larger frames are averaged to about so many columns: noise and time shrink, beds stay."""
-_LEVELS = 12
-_SMOOTHED_PX = 1.0
+_LEVELS = 12  # limits of "little" that are tried
+_SMOOTHED_PX = 1.0  # noise of single pixels would tear an even area
 _MOST_OF_FRAME, _LEAST_OF_LARGEST = 0.4, 0.25
 """Beds are alike in size: what is far smaller than the largest lies on or beside them."""
-_FILLED = 0.88
+_FILLED = 0.88  # of four corners and the area they stand for: what both share over what either covers
 _UNDISTURBED = 15.0
 """Per cent of a side that something may lie across."""
-_INSET_PX = 1.5
+_INSET_PX = 1.5  # pixels at an edge see two surfaces
+# along a side without its corners, where the neighbouring sides' surroundings begin
 _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Distances from the edge of an even area, which ends up to two pixels before that of its bed."""

@@ -30,8 +30,9 @@ MEMORY = 60
 LEAST_LIT = 10
 LEVEL_OF = 5
 """Minutes of memory of the ground, of lit minutes needed, and of those whose mean is the level before."""
+# judged: because a board takes the whole beam, of which sand absorbs hundreds of W/m2 in a useful sun
 LEAST_FALL_W_M2 = 100.0
-SIGMAS = 6.0
+SIGMAS = 6.0  # judged: because every minute of every region is a test for a board
 ALONE = 0.25
 """Largest change of the other regions, as a share of the fall: a cloud changes them all."""
 SHARP = 0.7
@@ -40,7 +41,7 @@ PARTLY = 0.2
 """Share of the depth above which a minute at the end counts as partly shaded: the first six seconds of it."""
 PARTLY_BEFORE = 0.05
 """The same for the minute before the fall was seen: the last eight seconds of it."""
-SHORTEST_MIN, LONGEST_MIN = 2, 20
+SHORTEST_MIN, LONGEST_MIN = 2, 20  # what lasts longer counts as weather (`disturbances`)
 
 Cell = tuple[int, int]
 """Minute since 1970 UTC and column of a region."""

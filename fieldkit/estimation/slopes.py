@@ -44,12 +44,13 @@ WARMING_MINUTES = 90
 """Memory of the ground for the shadow of its horizon: five time constants of 2 cm of sand."""
 SHORTEST_MINUTES = 20
 """A window is not halved below the paper's length."""
+# the last minutes are compared with what those before them predict
 RECENT_MINUTES = 20
 LOOK_BACK_MINUTES = 120
 LEAST_BEFORE = 40
 LEAST_RECENT = 5
-LEAST_K = 0.5
-SIGMAS = 4.0
+LEAST_K = 0.5  # above the 0.4 K by which clear hours move a region in measured weather
+SIGMAS = 4.0  # judged: because every target is tested every minute
 NO_REFERENCE = "no reference region"
 
 
@@ -195,6 +196,7 @@ class Window:
                 unexplained.append(index)
         if unexplained and self.shorter is not None:
             later = zip(unexplained, self.shorter.estimates(unexplained), strict=True)
+            # half of a window may have too little: the whole one's contradiction is then the answer
             nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
             by_target |= {index: solution for index, solution in later if solution.state not in nothing}
         return list(by_target.values())
@@ -229,6 +231,7 @@ class Window:
             blank = blank_estimate(region, column, self.past.until(0), self.first, self.settings)
             return (blank if self.columns.references.size else replace(blank, reason=NO_REFERENCE)), False
         blank = blank_estimate(region, column, self.past, self.first, self.settings)
+        # a target is shaded also where its reference is: they cannot be compared
         flags = blank.flags | (Quality.SHADED if self._is_shaded[-1, index] else Quality.GOOD)
         n_bins = int(self._is_used[:, index].sum())
         if (unsolvable := self._unsolvable(index, n_bins)) is not None:
@@ -299,6 +302,7 @@ class Window:
         """Inverse variances (n, targets); zero where a row is not used."""
         if self.rows is None:
             return np.zeros(self._is_used.shape)
+        # a divisor of 1 where no row is used, whose sigma may be NaN
         weights = np.where(self._is_used, 1.0 / np.where(self._is_used, self.rows.sigma, 1.0) ** 2, 0.0)
         downweighted = self._is_shaded[self.first :]
         if self.settings.model == "paper":
@@ -460,6 +464,7 @@ def drifts_k(rows: Rows, weights: FloatArray, minutes: IntArray, tilt_limit_deg:
         chosen = choose(past, solve(past), tilt_limit_deg).best
         for target in np.flatnonzero(testable):
             off[target], sd[target] = _deviation(rows, int(target), chosen[target], past.H, recent[target])
+    # clouds, wind and stored heat move all regions alike: only what one does alone is its own
     others = np.array([_median(np.delete(off, target)) for target in range(off.size)])
     alone = np.minimum(np.abs(off), np.abs(off - others)) > LEAST_K + SIGMAS * sd
     return np.where(alone, off, 0.0)

@@ -10,7 +10,7 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 _MEAN_C, _BY_LATITUDE_C, _SEASON_C = 14.9, 28.0, 15.5
-_COLDEST_DAY, _WARMEST_H = 20.0, 15.0
+_COLDEST_DAY, _WARMEST_H = 20.0, 15.0  # the ground's heat delays both after solstice and noon
 _SWING_K = 4.0
 _LAPSE_K_PER_M = 0.005
 """Lapse rate of ground that rises, which the sun warms from below; the free air has 0.0065."""

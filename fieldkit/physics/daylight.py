@@ -21,7 +21,7 @@ SOLAR_CONSTANT_W_M2 = 1361.0
 
 # below one degree of elevation the ratio of cosines carries no information on circumsolar light
 _LOWEST_COS_ZENITH = 0.01745
-_SWINBANK = 5.31e-13
+_SWINBANK = 5.31e-13  # W m-2 K-6, Q. J. R. Meteorol. Soc. 89, 339-348, 1963
 
 
 # R. Perez et al., "Modeling daylight availability and irradiance components from direct and

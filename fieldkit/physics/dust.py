@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from fieldkit.model.arrays import FloatArray
 
+# zenith angles and optical depths of the table below: its columns and rows
 _ZENITH_DEG = np.array([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 85.0])
 _DEPTH = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0])
 _ALBEDO = 0.1  # of the ground under which the table was computed

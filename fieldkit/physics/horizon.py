@@ -20,7 +20,7 @@ MINUTE_EDGE_DEG = 0.4
 _ANGLES = (np.arange(12) + 0.5) * np.pi / 6.0
 _DISC = np.concatenate([np.sqrt(part / 3.0) * np.exp(1j * _ANGLES) for part in (1, 2, 3)])
 """Points of a disc of radius 1, each for an equal share of it: across and up."""
-_AZIMUTHS = 3600
+_AZIMUTHS = 3600  # every tenth of a degree, as a horizon is linear between its points
 _STEP_WIDTH_DEG = 0.005
 """Distance from a corner at which a horizon is given on both sides: a step is as wide as rounding."""
 

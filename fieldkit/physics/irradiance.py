@@ -43,6 +43,7 @@ DIFFUSE_MODELS: Mapping[Diffuse, DiffuseModel] = {
 }
 """Another model of the sky is one more row, with its formulas in `daylight`, and its name in `Diffuse`."""
 
+# of the paper's eq. (10): photons of 400-700 nm for each joule of sunlight, and lux for each of them
 MICROMOL_PER_JOULE = 4.57
 LUX_PER_MICROMOL = 54.0
 LOWEST_COSINE = 0.2

@@ -18,6 +18,7 @@ from fieldkit.model.arrays import FloatArray
 MODES = 5
 RATES_PER_S: FloatArray = np.array([0.0, 1.0 / 7500.0, 1.0 / 1500.0, 1.0 / 300.0, 1.0 / 60.0])
 """Rates of the stores; the first has no loss: it is the layer's mean temperature."""
+# half a minute to ten hours, evenly in the logarithm, as errors are relative
 _FITTED_S: FloatArray = 60.0 * np.geomspace(0.5, 600.0, 60)
 _DEEP = 0.02
 """Fourier number below which the bottom has no influence."""

@@ -78,9 +78,7 @@ LEARNED_MINUTES = 1440
 """Longest window of the learned model: its covariances are of all minutes by all, 66 MB each of a day."""
 LEAST_MINUTES = 3
 """Below these a map is of the last of them alone, and of the component along the sun."""
-ONE_MINUTE = (
-    "one minute gives the component of slopes along the sun alone; another hour of the day gives the rest"
-)
+ONE_MINUTE = "one minute gives the component along the sun alone; another hour of the day gives the rest"
 SURFACE_ATTRIBUTES = ("albedo", "emissivity", "emissivity_broadband", "exchange_w_m2_k")
 SETTINGS_ATTRIBUTES = (
     *("scale", "noise_k", "scale_sd", "offset_sd_k", "drift_sd_k_per_h", "tilt_limit_deg", "confidence"),
@@ -162,12 +160,9 @@ class MappedSession:
     @property
     def notes(self) -> list[str]:
         """Settings for regions that do not apply to pixels, and what spoils the map."""
-        kinds = ", ".join(self.settings.kinds)
+        kinds, has_azimuth = ", ".join(self.settings.kinds), self.settings.azimuth == "known"
         notes = (
-            (
-                self.settings.azimuth == "known",
-                "the map leaves the azimuth free: only regions have a known one",
-            ),
+            (has_azimuth, "the map leaves the azimuth free: only regions have a known one"),
             (self.along_sun is not None, ONE_MINUTE),
             (kinds, f"no pixels of regions of another kind of surface: {kinds}"),
             (self.has_moved, "the frame moved within the window: edges are smeared; choose another window"),
@@ -220,7 +215,7 @@ class MappedSession:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         if self.along_sun is not None:
             if set(products.names) != {"rdir"}:
-                raise NoAnswerError(f"{ONE_MINUTE}", place=self.path.name, fix="choose another window")
+                raise NoAnswerError(ONE_MINUTE, place=self.path.name, fix="choose another window")
             return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
             products,
@@ -511,24 +506,18 @@ def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> IntA
     final = final_estimates(estimates, known.regions)
     starts_ns = [slope.window_start_ns for slope in final.values() if slope.state in WITH_SLOPE]
     weather_ns = max(starts_ns, default=0)
-    window_s: float | None
-    match window:
-        case None:
-            is_learned = known.settings.model == "learned"
-            window_s = None if is_learned else known.settings.fixed_window_s
-        case "all":
-            window_s = math.inf
-        case "weather":
-            window_s = None
-        case duration:
-            window_s = as_seconds(duration)
+    is_learned, window_s = known.settings.model == "learned", None
+    if window is None:
+        window_s = None if is_learned else known.settings.fixed_window_s
+    elif window != "weather":
+        window_s = math.inf if window == "all" else as_seconds(window)
     history, field = known.history, RegionColumns(known.regions)
     useful = np.flatnonzero(_is_sunlit(known, history) & _is_useful(history, field))
     if not useful.size:
         return useful
     minutes = history.minute[useful]
     first = weather_ns // MINUTE_NS if window_s is None else minutes[-1] - window_s / 60.0
-    if known.settings.model == "learned":
+    if is_learned:
         anew = history.minute[max(rows_after_gaps(history), default=0)]
         first = max(first, anew, minutes[-1] - LEARNED_MINUTES)
     return useful[minutes >= first]

@@ -469,9 +469,6 @@ class SweepTable:
         self.cached: int = 0
         self._places = {path: place for place, path in enumerate(self._names)}
 
-    def __bool__(self) -> bool:
-        return bool(self._rows)
-
     def add(self, outcome: Outcome) -> None:
         """Add the estimates of one run."""
         run, estimates = outcome.run, outcome.estimates

@@ -169,8 +169,15 @@ def test_a_clock_that_was_stepped_in_between_and_no_moment_at_all_are_refused():
     "hours",
     [(15, 24), (16, 18), (16, 20), (18, 20), (19, 20.5), (19, 22), (20, 22), (20, 23), (21, 23), (21, 24)],
 )
-@pytest.mark.parametrize("instrument", ["pyranometer", "beam and diffuse"])
-@pytest.mark.parametrize("wrong_s", [0.0, 3600.0])
+@pytest.mark.parametrize(
+    ("instrument", "wrong_s"),
+    [
+        ("pyranometer", 0.0),
+        ("beam and diffuse", 3600.0),
+        pytest.param("pyranometer", 3600.0, marks=pytest.mark.slow),
+        pytest.param("beam and diffuse", 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_the_true_time_of_a_measured_clear_day_is_within_what_is_stated(hours, instrument, wrong_s):
     """SURFRAD, Alamosa, 2016-01-01; 2 h of afternoon were 2043 s off at stated 1361 s, 3 h 1523 at 588."""
     day = packaged_day()

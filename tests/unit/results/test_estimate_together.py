@@ -95,6 +95,7 @@ def test_one_session_or_another_model_cannot_be_joined(days):
     assert typed(*days, "--together", "-j", 2).exit_code == 2
 
 
+@pytest.mark.slow
 def test_single_estimates_are_what_they_were(days):
     alone = estimate_sessions(days).estimates
     fieldkit.estimate_together(days)

@@ -63,16 +63,18 @@ def test_equal_to_the_estimators_when_read_and_when_known(sessions, never_read):
     assert found(sessions[0]) == expected
 
 
-def recorded(folder: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def recorded(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of six minutes whose recording ended in this process."""
-    shutil.copytree(folder, tmp_path / "own", ignore=shutil.ignore_patterns("*.h5"))
-    config = changed_config(load_config(tmp_path / "own" / "fieldkit.toml"), ["simulation.speed=max"])
+    own = tmp_path_factory.mktemp("recorded") / "own"
+    shutil.copytree(folder, own, ignore=shutil.ignore_patterns("*.h5"))
+    config = changed_config(load_config(own / "fieldkit.toml"), ["simulation.speed=max"])
     with fieldkit.record(config, duration="6m") as session:
         return session.path
 
 
-def test_first_check_and_report_use_the_recordings_own_minutes(folder, tmp_path, never_read):
-    path = recorded(folder, tmp_path)
+def test_first_check_and_report_use_the_recordings_own_minutes(recorded, never_read):
+    path = recorded
     expected = by_the_estimator(path)
     never_read()
     assert "own, by" in "".join(one.text for one in check(path).findings)
@@ -89,8 +91,8 @@ def test_first_check_and_report_use_the_recordings_own_minutes(folder, tmp_path,
         assert sum(term.share for term in terms) == pytest.approx(1.0)
 
 
-def test_minutes_are_estimated_again_where_the_session_was_changed(folder, tmp_path):
-    path = recorded(folder, tmp_path)
+def test_minutes_are_estimated_again_where_the_session_was_changed(recorded, tmp_path):
+    path = Path(shutil.copy(recorded, tmp_path))
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file.attrs["note"] = "changed"
     assert "own, by" not in "".join(one.text for one in check(path).findings)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
 WITH_A_SLOPE = {SlopeState.OK, SlopeState.UNCERTAIN, SlopeState.FLAT, SlopeState.NOT_RESOLVED}
 
 
+@cache
 def world(minutes=20, day=CLEAR, seed=1, **options):
     drawn = drawn_world(seed, day, minutes=minutes, **options)
     return replace(drawn, settings=replace(drawn.settings, model="learned"))
@@ -113,25 +115,20 @@ def test_after_a_gap_of_more_than_two_hours_the_chain_begins_anew():
 
 
 @pytest.mark.parametrize(
-    ("names", "reason"),
+    ("names", "columns", "reason"),
     [
-        (("dni_w_m2", "dhi_w_m2"), "no irradiance yet"),
-        (("temperature_k",), "no temperatures of the reference yet"),
+        (("dni_w_m2", "dhi_w_m2"), slice(None), "irradiance"),
+        (("temperature_k",), slice(None), "reference"),
+        (("temperature_k",), 3, "all regions"),
     ],
 )
-def test_what_never_comes_is_named(names, reason):
+def test_what_never_comes_is_named(names, columns, reason):
     drawn = world(8)
-    found = last(with_nan(drawn.history, slice(None), *names), drawn.regions, drawn.settings)
-    assert {(one.state, one.reason) for one in found.slopes} == {(SlopeState.NO_DATA, reason)}
+    never = with_nan(drawn.history, slice(None), *names, columns=columns)
+    found = last(never, drawn.regions, drawn.settings)
+    assert {slope.state for slope in found.slopes} == {SlopeState.NO_DATA}
+    assert all(reason in slope.reason for slope in found.slopes)
     assert found.learnt is None
-
-
-def test_a_region_that_never_comes_is_named():
-    drawn = world(8)
-    never = with_nan(drawn.history, slice(None), "temperature_k", columns=3)
-    found = last(never, drawn.regions, drawn.settings).slopes
-    assert {one.state for one in found} == {SlopeState.NO_DATA}
-    assert all("all regions" in one.reason for one in found)
 
 
 def test_light_that_comes_late_starts_the_chain_then():
@@ -155,19 +152,10 @@ def test_before_any_minute_and_with_few():
 def test_no_reference_no_target_one_target():
     drawn = world(8)
     flat, bed, *_ = drawn.regions
-    bare = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, 1:2], region_flags=ZEROS)
+    bare, alone = (drawn.history.only(np.array([column])) for column in (1, 0))
     assert last(bare, [bed], drawn.settings).slopes[0].reason.startswith("no reference")
-    alone = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, :1], region_flags=ZEROS)
     assert last(alone, [flat], drawn.settings).slopes == ()
-    two = replace(
-        drawn.history,
-        temperature_k=drawn.history.temperature_k[:, :2],
-        region_flags=drawn.history.region_flags[:, :2],
-    )
-    assert_has_slopes(last(two, [flat, bed], drawn.settings))
-
-
-ZEROS = np.zeros((8, 1), np.int64)
+    assert_has_slopes(last(drawn.history.only(np.arange(2)), [flat, bed], drawn.settings))
 
 
 def test_a_known_bed_as_second_reference_narrows_the_others():
@@ -175,7 +163,7 @@ def test_a_known_bed_as_second_reference_narrows_the_others():
     told = [replace(bed, kind=RegionKind.REFERENCE) if i == 1 else bed for i, bed in enumerate(drawn.regions)]
     widths = {}
     for name, beds in (("one", drawn.regions), ("two", told)):
-        found = last(drawn.history, beds, drawn.settings)
+        found = SlopeChain(beds, drawn.settings).at_once(drawn.history)
         assert_has_slopes(found)
         widths[name] = {one.region: one.tilt_high_deg - one.tilt_low_deg for one in found.slopes}
     assert widths["two"].keys() == {"bed1", "bed2"}
@@ -232,7 +220,7 @@ def test_a_slope_beyond_the_tilt_limit_is_not_relied_on(azimuth):
     """Beds of 5, 15 and 25 degrees where only up to 10 is possible."""
     drawn = world(20)
     settings = replace(drawn.settings, azimuth=azimuth, tilt_limit_deg=10.0)
-    found = last(drawn.history, drawn.regions, settings)
+    found = SlopeChain(drawn.regions, settings).at_once(drawn.history)
     assert_sound(found, tilt_limit_deg=10.0)
     assert found.slopes[0].state in WITH_A_SLOPE
     steep = found.slopes[2]
@@ -301,7 +289,7 @@ def test_a_bed_of_uncertain_emissivity_has_a_wider_region():
     beds = (*drawn.regions[:-1], replace(drawn.regions[-1], emissivity=0.90))
     uncertain = replace(drawn.settings, own_emissivity_sd={beds[-1].name: 0.02})
     before, after = (
-        SlopeChain(beds, settings).at(drawn.history).slopes for settings in (drawn.settings, uncertain)
+        SlopeChain(beds, settings).at_once(drawn.history).slopes for settings in (drawn.settings, uncertain)
     )
     widths = [[one.tilt_high_deg - one.tilt_low_deg for one in slopes] for slopes in (before, after)]
     assert widths[1][-1] > widths[0][-1] + 1.0
