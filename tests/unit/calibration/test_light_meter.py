@@ -1,5 +1,7 @@
 """Light on a meter's plane is beam times cosine plus the sky's share (ISO 9060's closure of the three)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,8 +38,6 @@ SUN = sun_vectors(TIMES, SITE)
     ids=lambda model: f"{model.mounting}-{model.diffuse}",
 )
 def test_the_factor_found_gives_the_beam_back(model):
-    from dataclasses import replace
-
     beam = np.linspace(600.0, 1000.0, TIMES.size)
     plane = on_plane(model, beam, None, SUN, TIMES)
     calibrated = replace(model, kind="calibrated", factor=0.0092)
@@ -61,9 +61,8 @@ def test_a_baffled_tube_beside_a_station_receives_its_beam_alone():
 def test_factor_and_uncertainty_of_a_clear_hour():
     random = np.random.default_rng(1)
     plane = np.linspace(300.0, 600.0, 120)
-    found = light_factor(
-        plane / 0.0091 * (1.0 + 0.003 * random.standard_normal(120)), plane, reference_sd=0.02
-    )
+    reading = plane / 0.0091 * (1.0 + 0.003 * random.standard_normal(120))
+    found = light_factor(reading, plane, reference_sd=0.02)
     assert found.value == pytest.approx(0.0091, rel=0.001)
     assert found.standard_uncertainty == pytest.approx(0.0091 * np.hypot(0.02, 0.0153), rel=0.02)
     assert found.minutes == 120
@@ -90,6 +89,8 @@ def test_too_little_and_what_does_not_go_together_is_refused():
         light_factor(plane[:5] / 0.009, plane[:5])
     with pytest.raises(CalibrationError, match=r"\d+ of 100"):
         light_factor(plane[::-1] / 0.009, plane)  # as with a wrong zone: rising beside falling
+    with pytest.raises(CalibrationError, match="origin by -27%"):
+        light_factor((plane + 120.0) / 0.0091, plane)
 
 
 def test_minutes_around_a_step_of_the_reference_alone_are_left_out():
@@ -147,16 +148,9 @@ def test_three_instruments_of_one_day_are_not_called_clocks_that_differ():
     for hours in WINDOWS:
         time_ns, _, _ = beside(hours, 0.0)
         sun = sun_vectors(time_ns, SITE)
-        dni, dhi, ghi = (
-            np.interp(time_ns, DAY.time_ns, one) for one in (DAY.dni_w_m2, DAY.dhi_w_m2, DAY.ghi_w_m2)
-        )
+        columns = (DAY.dni_w_m2, DAY.dhi_w_m2, DAY.ghi_w_m2)
+        dni, dhi, ghi = (np.interp(time_ns, DAY.time_ns, column) for column in columns)
         refuse_shifted_clocks(clock_lag_s(time_ns, dni * sun[:, 2] + dhi, time_ns, ghi))
-
-
-def test_a_line_that_misses_the_origin_by_a_fifth_is_no_factor():
-    plane = np.linspace(300.0, 600.0, 120)
-    with pytest.raises(CalibrationError, match="origin by -27%"):
-        light_factor((plane + 120.0) / 0.0091, plane)
 
 
 @pytest.mark.parametrize("light", [np.full(240, np.nan), np.full(240, 50_000.0)])

@@ -27,10 +27,8 @@ MINUTE = 60 * SECOND
 def day(minutes: int, contact, *, apparent=None, noise_k=0.03) -> Readings:
     """A probe every second, three pictures a minute; `contact` and `apparent` are kelvin of the minute."""
     random = np.random.default_rng(1)
-    probe_s, camera_s = (
-        np.arange(60 * minutes),
-        np.sort(np.add.outer(60 * np.arange(minutes), [0, 1, 2]).ravel()),
-    )
+    probe_s = np.arange(60 * minutes)
+    camera_s = np.sort(np.add.outer(60 * np.arange(minutes), [0, 1, 2]).ravel())
     seen = apparent or (lambda minute: contact(minute) - 5.0)
     level = 0.08 * np.repeat(random.standard_normal(minutes), 3)  # left by each shutter correction
     return Readings(
@@ -42,9 +40,10 @@ def day(minutes: int, contact, *, apparent=None, noise_k=0.03) -> Readings:
     )
 
 
-def steps(minute):
-    """Three plateaus of 20 min at 300, 310 and 320 K, and ramps of 10 min between them."""
-    return np.interp(minute, [0, 20, 30, 50, 60, 80], [300.0, 300.0, 310.0, 310.0, 320.0, 320.0])
+def steps(minute, middle_min=20):
+    """Plateaus at 300, 310 and 320 K of 20 min, the middle one as given, and ramps of 10 min between them."""
+    ends = np.array([0, 20, 30, 30 + middle_min, 40 + middle_min, 60 + middle_min])
+    return np.interp(minute, ends, [300.0, 300.0, 310.0, 310.0, 320.0, 320.0])
 
 
 def swing(minute):
@@ -123,8 +122,6 @@ def test_foil_at_the_end_of_the_range_is_a_bound_and_refused():
 
 
 def test_a_short_plateau_is_steady_whatever_was_before():
-    def short(minute):
-        return np.interp(minute, [0, 20, 30, 36, 46, 66], [300.0, 300.0, 310.0, 310.0, 320.0, 320.0])
-
-    kelvin = {round(one.contact_k, -1) for one in steady_intervals(day(66, short))}
+    readings = day(66, lambda minute: steps(minute, 6))
+    kelvin = {round(interval.contact_k, -1) for interval in steady_intervals(readings)}
     assert kelvin == {300.0, 310.0, 320.0}

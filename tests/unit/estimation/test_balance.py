@@ -66,10 +66,8 @@ def test_an_offset_and_a_drift_in_kelvin_per_hour_are_systematic_effects_in_ever
 
 
 def test_an_uncertain_layer_is_the_difference_that_another_layer_would_make(history):
-    warming = replace(
-        history,
-        temperature_k=history.temperature_k + np.outer(np.arange(MINUTES) ** 1.5 / 60.0, [0, 0, 0, 1]),
-    )
+    warmer_k = np.outer(np.arange(MINUTES) ** 1.5 / 60.0, [0, 0, 0, 1])
+    warming = replace(history, temperature_k=history.temperature_k + warmer_k)
     slab = Slab(depth_m=0.03)
     full = {"model": "full", "slab": slab, "conductivity_sd": 0.3, "capacity_sd": 0.2}
     found = made(warming, **full)
@@ -102,13 +100,12 @@ def test_uncertain_light_is_what_another_sky_and_ground_would_send_after_pvlib(h
     prior, light = Prior(), (40.0, 180.0, DIRECT_W_M2, ghi, diffuse, top)
 
     def over_level(sky: str, albedo: float = 0.2) -> np.ndarray:
-        on = [
-            pvlib.irradiance.get_total_irradiance(
-                one, azimuth, *light, albedo=albedo, model=sky, airmass=None
-            )
-            for one in (tilt, 0.0)
-        ]
-        return np.asarray(on[0]["poa_global"] - on[1]["poa_global"])
+        options = {"albedo": albedo, "model": sky, "airmass": None}
+        steep, level = (
+            pvlib.irradiance.get_total_irradiance(angle, azimuth, *light, **options)["poa_global"]
+            for angle in (tilt, 0.0)
+        )
+        return np.asarray(steep - level)
 
     beam = DIRECT_W_M2 + diffuse * (DIRECT_W_M2 / top) / np.cos(np.radians(40.0))
     expected = {

@@ -62,23 +62,12 @@ def test_a_row_with_no_more_light_than_its_own_shade_has_is_not_used():
 def test_minutes_that_no_slope_agrees_to_be_sunlit_in_give_no_slope():
     """Noon, 60 and 75 degrees later, latitude 40: the slope that fits faces away from one of the three."""
     hour_angle, latitude = np.radians([0.0, 60.0, 75.0]), np.radians(40.0)
-    sun = np.stack(
-        [-np.sin(hour_angle), -np.cos(hour_angle) * np.sin(latitude), np.cos(hour_angle) * np.cos(latitude)],
-        axis=-1,
-    )
+    height = np.cos(hour_angle)
+    sun = np.stack([-np.sin(hour_angle), -height * np.sin(latitude), height * np.cos(latitude)], axis=-1)
     y, sigma, level = np.array([[0.1], [0.3], [1.0]]), np.full((3, 1), 0.01), np.array([0.0, 0.0, 1.0])
-    rows = Rows(
-        sun,
-        y,
-        sigma,
-        np.ones((3, 1)),
-        np.ones(3),
-        np.zeros((1, 3, 1)),
-        level,
-        sun,
-        np.zeros(3),
-        np.zeros((0, 3, 4)),
-    )
+    no_effects, no_light = np.zeros((1, 3, 1)), np.zeros((0, 3, 4))
+    ones = np.ones(3)
+    rows = Rows(sun, y, sigma, ones[:, np.newaxis], ones, no_effects, level, sun, 0.0 * ones, no_light)
     settings = EstimatorSettings(model="paper", tilt_limit_deg=90.0)
     (found,) = solutions(rows, [0], sigma.T**-2, [Region("b", RegionKind.TARGET, ((0.0, 0.0),))], settings)
     assert found.state is SlopeState.NO_INTERSECTION

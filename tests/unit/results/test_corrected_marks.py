@@ -32,12 +32,9 @@ def marked(tmp_path_factory):
     path, clock = tmp_path_factory.mktemp("marked") / "a.h5", CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
-    for one in (
-        mark(clock, "acknowledged: lost lux", acknowledge="lost lux"),
-        mark(clock, "wind", label="air"),
-        mark(clock, "wind"),
-    ):
-        writer.put(one)
+    writer.put(mark(clock, "acknowledged: lost lux", acknowledge="lost lux"))
+    writer.put(mark(clock, "wind", label="air"))
+    writer.put(mark(clock, "wind"))
     writer.close()
     return path
 

@@ -20,12 +20,16 @@ from tests.shared_data import shared
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
 
 
+def imported(source, folder):
+    """The session of a FLIR file."""
+    recording = read_flir(source, "camera")
+    write_imported(folder / "a.h5", SessionHeader("t", SITE, recording.streams), recording, source.name)
+    return open_session(folder / "a.h5")
+
+
 def test_flir_files_keep_their_law(tmp_path):
     """Expected counts: the README beside the file; an indoor scene near room temperature."""
-    source = shared("data/frames/flir_file/frame_000000_le.fff")
-    recording = read_flir(source, "camera")
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, recording.streams), recording, source.name)
-    with open_session(tmp_path / "a.h5") as session:
+    with imported(shared("data/frames/flir_file/frame_000000_le.fff"), tmp_path) as session:
         counts = session.raw("camera")[0]
         assert (counts.min(), counts.max()) == (17899, 19192)
         assert session.streams["camera"].law == "planck"
@@ -33,6 +37,10 @@ def test_flir_files_keep_their_law(tmp_path):
         assert 290.0 < kelvin.min() < kelvin.max() < 310.0
 
 
+ORDINARY = b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0")
+"""The beginning of a JPEG without temperatures."""
+JPEG_LS = b"\xff\xd8\xff\xf7"
+"""As the pictures of a .csq begin."""
 COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
 
 
@@ -43,9 +51,7 @@ def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path):
     pictures = [COUNTS, disguised, COUNTS + 3]
     source = tmp_path / "a.seq"
     source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
-    recording = read_flir(source, "camera")
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, recording.streams), recording, source.name)
-    with open_session(tmp_path / "a.h5") as session:
+    with imported(source, tmp_path) as session:
         assert np.array_equal(session.raw("camera")[:], np.array(pictures))
         expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]
         assert session.times_ns("camera").tolist() == expected
@@ -70,7 +76,7 @@ def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path)
     for number, second in ((1, 20), (3, 0), (5, 10)):
         jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
         (tmp_path / f"FLIR000{number}.jpg").write_bytes(jpeg)
-    (tmp_path / "DC_0002.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    (tmp_path / "DC_0002.jpg").write_bytes(ORDINARY)
     (tmp_path / "FLIR0007.jpg").write_bytes(b"")
     recording = read_source(tmp_path, ImportOptions())
     frames = [frame for frame in recording.samples if isinstance(frame, Frame)]
@@ -91,7 +97,7 @@ def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path):
 
 
 def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path):
-    (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    (tmp_path / "holiday.jpg").write_bytes(ORDINARY)
     with pytest.raises(ConfigError, match=r"holiday\.jpg"):
         read_flir(tmp_path, "camera")
 
@@ -99,14 +105,11 @@ def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path):
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"", "is empty"),
-        (fff(COUNTS, 0), "frame 0 has no time"),
-        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "frame 1 has another size"),
-        (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
-        (
-            fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + b"\xff\xd8\xff\xf7".ljust(COUNTS.nbytes, b"\0"),
-            "compressed as JPEG-LS",  # as the pictures of a .csq begin
-        ),
+        (b"", "empty"),
+        (fff(COUNTS, 0), "frame 0"),
+        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "frame 1"),
+        (fff(COUNTS, 1_480_000_000)[:-1], "cut short"),
+        (fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + JPEG_LS.ljust(COUNTS.nbytes, b"\0"), "JPEG-LS"),
     ],
 )
 def test_damaged_flir_files_are_rejected_with_the_reason(tmp_path, data, words):

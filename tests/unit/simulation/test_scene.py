@@ -54,11 +54,8 @@ def test_steeper_beds_towards_the_sun_are_warmer(scene):
 def test_sun_shines_on_a_bed_only_from_the_front(scene):
     """Turned away beyond the sun's elevation of 29 degrees, a bed gets sky and ground light alone."""
     away = replace(scene.facets[3], name="away", tilt_deg=60.0, azimuth_deg=0.0)
-    flat, _, turned = (
-        replace(scene, facets=(scene.facets[0], scene.facets[3], away))
-        .at(after(scene, 600))
-        .surface_k[[0, 1, 2]]
-    )
+    beds = replace(scene, facets=(scene.facets[0], scene.facets[3], away))
+    flat, _, turned = beds.at(after(scene, 600)).surface_k[:3]
     assert turned < flat - 10.0
 
 
@@ -105,9 +102,8 @@ def test_probes_lag_behind_the_surface(scene):
 
 def test_probe_noise_is_small_and_of_zero_mean(scene):
     start = after(scene, 600)
-    errors = np.array(
-        [scene.probe_readings(start + n) - scene.at(start + n).contact_k[:-1] for n in range(500)]
-    )
+    times = range(start, start + 500)
+    errors = np.array([scene.probe_readings(at) - scene.at(at).contact_k[:-1] for at in times])
     assert np.abs(errors.mean()) < 0.005
     assert errors.std() == pytest.approx(0.03, rel=0.1)
 
@@ -128,18 +124,14 @@ def test_regions_lie_within_their_beds_and_carry_the_truth(scene):
 
 
 def test_faults_begin_in_the_middle_unless_told_otherwise():
-    scene = sand_slopes(
-        duration_s=1000.0, faults=(Fault(FaultKind.CABLE), Fault(FaultKind.FROZEN, 10.0, 5.0))
-    )
+    faults = Fault(FaultKind.CABLE), Fault(FaultKind.FROZEN, 10.0, 5.0)
+    scene = sand_slopes(duration_s=1000.0, faults=faults)
     middle = scene.start_ns + 500 * SECOND_NS
     lasts_ns = round(FaultKind.CABLE.lasts_s * SECOND_NS)
     assert scene.fault_spans(FaultKind.CABLE) == [(middle, middle + lasts_ns)]
     assert scene.is_on(FaultKind.FROZEN, after(scene, 10.0))
     assert not scene.is_on(FaultKind.FROZEN, after(scene, 15.0))
     assert not scene.is_on(FaultKind.CLOUD, middle)
-
-
-def test_every_kind_of_fault_has_a_duration():
     assert all(kind.lasts_s >= 0.0 for kind in FaultKind)
 
 

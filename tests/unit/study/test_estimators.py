@@ -76,12 +76,8 @@ def test_contours_give_the_errors_of_the_grid(hour, p90, mean):
 def rows_of_the_page():
     """The rows of the page's table for Fig. 9, by their name."""
     page = Path(__file__).parents[3] / "docs" / "explanation" / "paper.md"
-    cells = [
-        line.strip("| \n").split(" | ")
-        for line in page.read_text(encoding="utf-8").splitlines()
-        if "|" in line
-    ]
-    return {row[0]: row[1:] for row in cells}
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return {name: cells for name, *cells in (line.strip("| ").split(" | ") for line in lines if "|" in line)}
 
 
 @pytest.mark.parametrize(
@@ -122,9 +118,8 @@ def test_noise_of_a_tenth_of_a_kelvin(hour, p90, mean):
 
 def test_a_thermometer_shows_the_nearest_of_its_steps():
     exact, _ = simulated_temperatures(normal([10.0], [180.0]), conditions(3), NOISELESS)
-    shown, _ = simulated_temperatures(
-        normal([10.0], [180.0]), conditions(3), replace(NOISELESS, quantum_k=0.5)
-    )
+    stepped = replace(NOISELESS, quantum_k=0.5)
+    shown, _ = simulated_temperatures(normal([10.0], [180.0]), conditions(3), stepped)
     np.testing.assert_allclose(shown, np.rint(exact * 2.0) / 2.0, atol=1e-9)
 
 
@@ -138,20 +133,15 @@ def test_the_error_by_direction_is_of_the_slopes_nearest_to_it_and_not_of_flat_g
 
 def test_the_posterior_solves_fewer_slopes_than_the_paper_has():
     """It solves them one by one: 22 021 would take an hour."""
-    assert (
-        len(slopes_for(StudyOptions(), "posterior"))
-        == POSTERIOR_SLOPES
-        < len(slopes_for(StudyOptions(), "contours"))
-    )
+    few, all_slopes = (len(slopes_for(StudyOptions(), method)) for method in ("posterior", "contours"))
+    assert few == POSTERIOR_SLOPES < all_slopes
 
 
 def test_measured_weather_brings_its_place_and_day():
     """NOAA SURFRAD, Alamosa: 37.70 N, 105.92 W."""
     options = StudyOptions.of(weather=packaged_day())
-    assert (options.site.latitude_deg, options.site.longitude_deg) == pytest.approx(
-        (37.70, -105.92), abs=0.01
-    )
-    assert options.day == date(2016, 1, 1)
+    place = options.site.latitude_deg, options.site.longitude_deg
+    assert (place, options.day) == (pytest.approx((37.70, -105.92), abs=0.01), date(2016, 1, 1))
 
 
 def test_shaded_minutes_are_left_out_in_the_evening():
@@ -171,11 +161,8 @@ def test_posterior_shrinks_what_the_noise_spreads():
 
 def test_coarse_thermometer_costs_degrees():
     # steps of 0.1 K without noise: about a degree and more; of 0.01 K at most 0.43
-    slopes = random_slopes(3000, seed=2)
-    coarse, fine = (
-        run_study(slopes, conditions(3), StudySettings(method="unit-norm", quantum_k=step))
-        for step in (0.1, 0.01)
-    )
+    steps = (StudySettings(method="unit-norm", quantum_k=step) for step in (0.1, 0.01))
+    coarse, fine = (run_study(random_slopes(3000, seed=2), conditions(3), step) for step in steps)
     assert 0.5 < summarise(coarse.tilt_error_deg).p90 < 3.3
     assert summarise(fine.tilt_error_deg).p90 <= 0.43
 
@@ -187,13 +174,3 @@ def test_two_definitions_of_the_sd_differ_by_the_root_of_n():
     assert summary.sd_paper == pytest.approx(np.sqrt(14.0) / 4.0)
     assert summary.sd_usual == pytest.approx(np.sqrt(14.0 / 4.0))
     assert (summary.slopes, summary.unsolved, summary.largest) == (5, 1, 6.0)
-
-
-def test_directions_wrap_at_north():
-    truth = normal([10.0, 10.0, 10.0], [350.0, 8.0, 180.0])
-    estimate = normal([11.0, 13.0, 10.5], [350.0, 8.0, 180.0])
-    centres, errors = Outcome(truth, estimate).by_direction()
-    assert centres[0] == 0.0
-    assert errors[0] == pytest.approx(2.0)
-    assert errors[6] == pytest.approx(0.5)
-    assert np.isnan(errors[3])
