@@ -14,15 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fieldkit.calibrate.inputs import one_region
-from fieldkit.calibration.band import (
-    FLAT,
-    Band,
-    CameraBand,
-    ResponseBand,
-    before_camera_settings,
-    own_part_k,
-    transmission,
-)
+from fieldkit.calibration import band as bands
 from fieldkit.calibration.emissivity import (
     is_saturated,
     mirrored_temperature_k,
@@ -157,7 +149,7 @@ class MeasurementSetup:
     options: MeasurementOptions
     camera: StreamInfo
     sample: Region
-    band: Band
+    band: bands.Band
     foil: Region | None
     tape: Region | None
     reflected_k: float
@@ -321,19 +313,19 @@ def _channel(thermometer: StreamInfo, text: str | int | None) -> int:
     return channel
 
 
-def band_of(text: str) -> Band:
+def band_of(text: str) -> bands.Band:
     """A band from ``8-14``, a file of wavelength and response, ``B,F`` or ``R,B,F,O``."""
     if text == "8-14":
-        return FLAT
+        return bands.FLAT
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
-        return ResponseBand.read(Path(text))
+        return bands.ResponseBand.read(Path(text))
     band = None
     if len(numbers) == 2:
-        band = CameraBand(*numbers)
+        band = bands.CameraBand(*numbers)
     if len(numbers) == 4:
-        band = CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
+        band = bands.CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
     if band is not None and all(map(math.isfinite, numbers)) and band.b > 0.0 and band.r > 0.0:
         return band
     raise ConfigError(
@@ -399,7 +391,7 @@ class ReadingCollector:
             else mirrored_temperature_k(foil, apparent, setup.options.foil_emissivity, setup.band)
         )
         if setup.tape is not None:
-            contact = own_part_k(tape, setup.options.tape_emissivity, reflected, setup.band)
+            contact = bands.own_part_k(tape, setup.options.tape_emissivity, reflected, setup.band)
             return Readings(times, apparent, reflected, times, contact)
         probe_ns = np.array([time_ns for time_ns, _ in self._probes], np.int64)
         return Readings(times, apparent, reflected, probe_ns, self.probes_k()[:, setup.channel])
@@ -431,9 +423,11 @@ class ReadingCollector:
         setup, options, surface_k = self.setup, self.setup.options, np.array(seen_k)
         if setup.camera_emissivity != 1.0:
             reflected_k = options.camera_reflected_c + CELSIUS_ZERO_K
-            surface_k = before_camera_settings(surface_k, setup.camera_emissivity, reflected_k, setup.band)
+            surface_k = bands.before_camera_settings(
+                surface_k, setup.camera_emissivity, reflected_k, setup.band
+            )
         if options.distance_m > 0.0:
             air_k = options.air_c + CELSIUS_ZERO_K
-            through = transmission(options.distance_m, air_k, options.humidity_percent / 100.0)
-            surface_k = own_part_k(surface_k, through, air_k, setup.band)
+            through = bands.transmission(options.distance_m, air_k, options.humidity_percent / 100.0)
+            surface_k = bands.own_part_k(surface_k, through, air_k, setup.band)
         return surface_k

@@ -3,6 +3,7 @@
 import random
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,8 +37,6 @@ def test_text_fits_its_field_and_is_a_beginning(text, width):
 
 @given(st.text(max_size=50), st.floats(-90, 90), st.text(max_size=30))
 def test_header_is_the_same_after_json(title, latitude, toml):
-    from dataclasses import replace
-
     head = replace(HEADER, title=title, site=replace(HEADER.site, latitude_deg=latitude), config_toml=toml)
     assert SessionHeader.from_json(head.to_json()).to_json() == head.to_json()
 

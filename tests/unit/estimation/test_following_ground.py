@@ -42,6 +42,12 @@ def frame(camera: Camera) -> np.ndarray:
     return np.rint(seen + 5.0 * MAP.standard_normal(SHAPE)).astype(np.uint16)
 
 
+def sample(time_ns: int, counts: np.ndarray | int, camera: str = "camera") -> Frame:
+    """A frame of a detector, or one that is the same everywhere: nothing in it speaks against a pose."""
+    none = np.empty((0, SHAPE[1]), np.uint16)
+    return Frame(camera, time_ns, time_ns, np.full(SHAPE, counts, np.uint16), none)
+
+
 def drive(error_deg: float) -> tuple[list[Camera], CameraPath]:
     """Twelve metres ahead and 15 degrees to the left in 30 frames; and as it is known, wrong by an error."""
     true = [
@@ -116,64 +122,62 @@ def known_pose(motion: Motion) -> tuple[CameraPath, list[Region]]:
     ]
 
 
-def test_a_kick_of_40_pixels_that_the_pose_does_not_know_of_is_lost_at_once():
-    motion = Motion(jump_px=(32.0, 24.0))
+def followed(motion: Motion, minutes: range) -> tuple[GroundFollower, Region, list[list[Region] | None]]:
+    """The follower of a region of a scene whose camera moves otherwise than it knows, and what it found."""
     scene, (path, regions) = sand_slopes(motion=motion), known_pose(motion)
     follower, found = GroundFollower(path), []
-    for minute in range(85, 95):
+    for minute in minutes:
         time_ns = scene.start_ns + minute * 60 * SECOND_NS
         counts = np.rint(scene.frame(time_ns, minute) * 100.0).astype(np.uint16)
         found.append(follower.update(counts, time_ns, regions, ONE))
-    assert [one is None for one in found] == [False] * 5 + [True] * 5
+    return follower, regions[0], found
+
+
+def test_a_kick_of_40_pixels_that_the_pose_does_not_know_of_is_lost_at_once():
+    follower, drawn, found = followed(Motion(jump_px=(32.0, 24.0)), range(85, 95))
+    assert [regions is None for regions in found] == [False] * 5 + [True] * 5
     assert follower.has_pose
-    assert found[4][0].vertices == pytest.approx(np.array(regions[0].vertices), abs=1e-6)
+    assert found[4][0].vertices == pytest.approx(np.array(drawn.vertices), abs=1e-6)
 
 
 def test_a_drift_that_the_pose_does_not_know_of_is_corrected_by_whole_pixels():
-    motion = Motion((8.0, 6.0))
-    scene, (path, regions) = sand_slopes(motion=motion), known_pose(motion)
-    follower = GroundFollower(path)
-    for minute in range(0, 180, 6):
-        time_ns = scene.start_ns + minute * 60 * SECOND_NS
-        counts = np.rint(scene.frame(time_ns, minute) * 100.0).astype(np.uint16)
-        (found,) = follower.update(counts, time_ns, regions, ONE) or ()
+    _, drawn, found = followed(Motion((8.0, 6.0)), range(0, 180, 6))
     # drawn on the mean of the first ten frames, which had drifted by (1.2, 0.9) of them
-    assert np.array(found.vertices) - regions[0].vertices == pytest.approx(
-        np.tile([7.0, 5.0], (4, 1)), abs=1e-6
-    )
+    moved = np.array(found[-1][0].vertices) - drawn.vertices
+    assert moved == pytest.approx(np.tile([7.0, 5.0], (4, 1)), abs=1e-6)
+
+
+def path_of_another_time() -> tuple[CameraPath, list[Region]]:
+    path, regions = known_pose(Motion())
+    poses = path.trajectory
+    return CameraPath(Trajectory((1, 2), poses.position_m * 2, poses.quaternion * 2), path.hfov_deg), regions
 
 
 @pytest.mark.parametrize("model", ["paper", "learned"])
 def test_a_trajectory_of_another_time_is_the_reason_for_no_slope(model):
-    path, regions = known_pose(Motion())
-    poses = path.trajectory
-    other = Trajectory((1, 2), poses.position_m * 2, poses.quaternion * 2)
-    settings = EstimatorSettings(model=model, camera_path=CameraPath(other, path.hfov_deg))
+    path, regions = path_of_another_time()
+    settings = EstimatorSettings(model=model, camera_path=path)
     flat = Region("flat", RegionKind.REFERENCE, ((10, 80), (40, 80), (40, 110)), 0.0, 0.0)
     camera = StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01)
     estimator = Estimator(Site(37.7, -105.92), [flat, *regions], (camera,), settings)
     for minute in range(8):
         time_ns = 1_451_674_800 * SECOND_NS + minute * 60 * SECOND_NS
-        shown = np.full(SHAPE, 30_000 + minute, np.uint16)
-        estimator.add(Frame("camera", time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+        estimator.add(sample(time_ns, 30_000 + minute))
     (bed,) = estimator.finish()[-1].estimates
     assert bed.state is SlopeState.NO_DATA
     assert bed.flags & Quality.MOVED
 
 
 def test_a_camera_that_is_lost_leaves_the_regions_of_the_other():
-    path, regions = known_pose(Motion())
-    poses = path.trajectory
-    other = Trajectory((1, 2), poses.position_m * 2, poses.quaternion * 2)
-    settings = EstimatorSettings(camera_path=CameraPath(other, path.hfov_deg))
+    path, regions = path_of_another_time()
+    settings = EstimatorSettings(camera_path=path)
     corners = ((10, 80), (40, 80), (40, 110))
     both = [regions[0], Region("beside", RegionKind.TARGET, corners, camera="second")]
     names = ("camera", "second")
     cameras = [StreamInfo(name, "brightness_temperature", "K", SHAPE, scale=0.01) for name in names]
     binner = Binner(Site(37.7, -105.92), both, cameras, settings)
     for name in names:
-        time_ns, shown = 1_451_674_800 * SECOND_NS, np.full(SHAPE, 30_000, np.uint16)
-        binner.add(Frame(name, time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+        binner.add(sample(1_451_674_800 * SECOND_NS, 30_000, name))
     ((entry, _),) = binner.finish()
     assert [bool(flag & Quality.MOVED) for flag in entry.region_flags] == [True, False]
     history = History.of([entry], 2)
@@ -195,9 +199,7 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     camera = StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01)
     binner, closed = Binner(Site(0.0, 0.0), regions, (camera,), settings), []
     for half in range(20):
-        time_ns = (30 * half + 1) * SECOND_NS
-        shown = np.full(SHAPE, 30_000 + half, np.uint16)  # without edges: nothing speaks against the pose
-        closed += binner.add(Frame("camera", time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+        closed += binner.add(sample((30 * half + 1) * SECOND_NS, 30_000 + half))
     closed += binner.finish()
     in_frame = [[bool(np.isfinite(k)) for k in entry.temperature_k] for entry, _ in closed]
     assert in_frame == [[True, True]] * 3 + [[True, False]] * 5 + [[False, False]] * 2

@@ -63,19 +63,21 @@ def test_equal_to_the_estimators_when_read_and_when_known(sessions, never_read):
     assert found(sessions[0]) == expected
 
 
-@pytest.fixture(scope="module")
-def recorded(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(folder: Path, own: Path) -> Path:
     """A session of six minutes whose recording ended in this process."""
-    own = tmp_path_factory.mktemp("recorded") / "own"
     shutil.copytree(folder, own, ignore=shutil.ignore_patterns("*.h5"))
     config = changed_config(load_config(own / "fieldkit.toml"), ["simulation.speed=max"])
     with fieldkit.record(config, duration="6m") as session:
         return session.path
 
 
-def test_first_check_and_report_use_the_recordings_own_minutes(recorded, never_read):
-    path = recorded
+def test_first_check_and_report_use_the_recordings_own_minutes(folder, tmp_path, never_read):
+    path = recorded(folder, tmp_path / "own")
     expected = by_the_estimator(path)
+    changed = shutil.copy(path, tmp_path)
+    with h5py.File(changed, "r+", libver=LIBVER) as file:
+        file.attrs["note"] = "changed"
+    assert "own, by" not in "".join(finding.text for finding in check(changed).findings)
     never_read()
     assert "own, by" in "".join(one.text for one in check(path).findings)
     assert "recording itself" in fieldkit.report(path).path.read_text("utf-8")
@@ -89,13 +91,6 @@ def test_first_check_and_report_use_the_recordings_own_minutes(recorded, never_r
     assert budgets.keys() == estimate(path).final.keys()
     for terms in budgets.values():
         assert sum(term.share for term in terms) == pytest.approx(1.0)
-
-
-def test_minutes_are_estimated_again_where_the_session_was_changed(recorded, tmp_path):
-    path = Path(shutil.copy(recorded, tmp_path))
-    with h5py.File(path, "r+", libver=LIBVER) as file:
-        file.attrs["note"] = "changed"
-    assert "own, by" not in "".join(one.text for one in check(path).findings)
 
 
 @pytest.mark.parametrize("model", ["paper", "full"])

@@ -51,7 +51,7 @@ def on_the_ground(folder, minutes, start_ns=ALAMOSA_NOON_NS):
     }
 
 
-@pytest.fixture(scope="module", params=[16, pytest.param(180, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[24, pytest.param(180, marks=pytest.mark.slow)])
 def sessions(request, tmp_path_factory):
     """At rest; moving, regions in pixels; moving, regions on the ground."""
     folder, minutes = tmp_path_factory.mktemp("moving"), request.param

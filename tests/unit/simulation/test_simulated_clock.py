@@ -93,22 +93,11 @@ def test_time_stands_while_nobody_waits(clock):
     assert clock.mono_ns() == before == START_MONO_NS
 
 
-def test_sleep_of_a_lone_thread_takes_its_time_of_the_scene(clock):
-    clock.sleep(3600.0)
-    assert clock.mono_ns() - START_MONO_NS == 3600 * SECOND_NS
-
-
 def test_sleep_of_nothing_returns_at_once(clock):
     clock.sleep(0.0)
     clock.sleep(-1.0)
     clock.sleep_until(0)
     assert clock.mono_ns() == START_MONO_NS
-
-
-def test_fractions_of_a_nanosecond_do_not_hang(clock):
-    for seconds in (1e-9, 1.4e-9, 1.5e-9, 0.1 / 3, 1 / 8.7):
-        clock.sleep(seconds)
-    assert clock.mono_ns() > START_MONO_NS
 
 
 def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
@@ -118,14 +107,6 @@ def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
     assert clock.to_utc_ns(clock.mono_ns()) == NOON_NS + 10 * SECOND_NS
     assert clock.to_mono_ns(NOON_NS) == START_MONO_NS
     assert clock.check().utc_minus_mono_ns - anchor.utc_minus_mono_ns == 3600 * SECOND_NS
-
-
-def test_sleepers_wake_in_the_order_of_their_deadlines(clock):
-    woken, crew = [], Crew(clock)
-    for name, seconds in (("late", 3.0), ("early", 1.0), ("middle", 2.0)):
-        crew.hire(name, lambda name=name, seconds=seconds: (clock.sleep(seconds), woken.append(name)))
-    crew.work()
-    assert woken == ["early", "middle", "late"]
 
 
 def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
