@@ -127,5 +127,6 @@ class MendedFile(io.RawIOBase):
 
     def close(self) -> None:
         """Let go of the file."""
-        self._file.close()
+        if "_file" in self.__dict__:  # which it is not where the superblock was refused
+            self._file.close()
         super().close()

@@ -49,6 +49,12 @@ class Chosen(TypedDict, total=False):
     on_frame: Callable[[], None]
 
 
+class Drawn(Chosen, total=False):
+    """Which frames, in the colours of which palette."""
+
+    palette: str
+
+
 def export_tiffs(
     session: SessionReader, folder: Path, *, stream: str | None = None, **chosen: Unpack[Chosen]
 ) -> list[Path]:
@@ -97,12 +103,7 @@ def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> CountArray:
 
 
 def export_pngs(
-    session: SessionReader,
-    folder: Path,
-    *,
-    stream: str | None = None,
-    palette: str = INFERNO,
-    **chosen: Unpack[Chosen],
+    session: SessionReader, folder: Path, *, stream: str | None = None, **drawn: Unpack[Drawn]
 ) -> list[Path]:
     """Coloured images with temperature scale, regions, their slopes as recorded, and time.
 
@@ -112,7 +113,7 @@ def export_pngs(
 
     paths = []
     info = camera_of(session, stream)
-    for frame, image in _images(session, info, palette, **chosen):
+    for frame, image in _images(session, info, **drawn):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
             raise StorageError("cannot write", place=path, fix=_ROOM)
@@ -126,8 +127,7 @@ def export_video(
     *,
     stream: str | None = None,
     speed: float = math.inf,
-    palette: str = INFERNO,
-    **chosen: Unpack[Chosen],
+    **drawn: Unpack[Drawn],
 ) -> list[Path]:
     """The same as a video, 25 pictures a second, VP9 in MP4, which browsers play. Raises `StorageError`.
 
@@ -137,7 +137,7 @@ def export_video(
 
     info = camera_of(session, stream)
     path, film, count = folder / f"{_stem(session, info)}.mp4", None, 0
-    for image in _at_speed(_images(session, info, palette, **chosen), speed):
+    for image in _at_speed(_images(session, info, **drawn), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, _FRAMES_PER_S, (image.shape[1], image.shape[0]))
@@ -215,7 +215,7 @@ def require_palette(name: str) -> None:
 
 
 def _images(
-    session: SessionReader, info: StreamInfo, palette: str, **chosen: Unpack[Chosen]
+    session: SessionReader, info: StreamInfo, palette: str = INFERNO, **chosen: Unpack[Chosen]
 ) -> Iterator[tuple[Frame, ByteArray]]:
     require_palette(palette)
     colours = bgr(palette)
@@ -231,10 +231,8 @@ def _images(
             names[estimate.region] = _with_slope(estimate)
         grey = np.clip(np.nan_to_num((_values(frame, info) - low) / (high - low)) * 255, 0, 255)
         image = _draw(colours, grey.astype(np.uint8), regions, names)
-        yield (
-            frame,
-            np.vstack([image, _bar(image.shape[1], words, f"{iso_utc(frame.time_ns)[:19]}Z", colours)]),
-        )
+        bar = _bar(image.shape[1], words, f"{iso_utc(frame.time_ns)[:19]}Z", colours)
+        yield frame, np.vstack([image, bar])
 
 
 def _with_slope(estimate: SlopeEstimate) -> str:

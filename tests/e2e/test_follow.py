@@ -3,19 +3,14 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
-from click.testing import CliRunner
-
-from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
+from tests.harness.command_line import fieldkit, program
 from tests.harness.recording import Counters, record_until_killed, started
 from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import PATIENCE_S, wait_until
 
-PROGRAM = [sys.executable, "-m", "fieldkit"]
 RECORD = ("record", "--for", "1h", "-q", "--set", "simulation.speed=30", *SET_SELDOM)
 FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.argv[1:])"
 ENOUGH_FRAMES = 100_000  # more than are recorded before it is asked to close
@@ -39,18 +34,16 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path):
     assert cameras == sorted(cameras)
     assert len(cameras) >= 2
     assert {one["unit"] for one in told if one.get("stream") == "lux"} == {"lx"}
-    assert "the recording has ended" in errors
+    assert "ended" in errors
 
 
 def test_map_follows_a_recording_and_leaves_it_alone(tmp_path):
     create_campaign(tmp_path, SIMULATED)
-    words = [*PROGRAM, *RECORD, "-C", tmp_path]
     maps: list[int] = []
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
+    with program(*RECORD, "-C", tmp_path, stdout=None) as recorder:
         recordings = tmp_path / "recordings"
         wait_until(lambda: list(recordings.glob("*.journal")), "the recording did not begin", PATIENCE_S)
-        words = [*PROGRAM, "map", "-C", str(tmp_path), "--follow", "--json"]
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as follower:
+        with program("map", "-C", tmp_path, "--follow", "--json") as follower:
             assert follower.stdout is not None
             for line in follower.stdout:
                 maps.append(json.loads(line)["minutes"])
@@ -62,14 +55,7 @@ def test_map_follows_a_recording_and_leaves_it_alone(tmp_path):
         _, said = recorder.communicate()
     assert follower.returncode == 0, errors
     assert recorder.returncode == 0, said
-    assert "the recording has ended" in errors
+    assert "ended" in errors
     assert maps == sorted(maps)
-    assert maps[-1] == _mapped(tmp_path)["minutes"]
+    assert maps[-1] == json.loads(fieldkit("map", "-C", tmp_path, "--json").stdout)["minutes"]
     assert not list((tmp_path / "results").rglob("*.new"))
-
-
-def _mapped(campaign: Path) -> dict[str, Any]:
-    done = CliRunner().invoke(main, ["map", "-C", str(campaign), "--json"])
-    assert done.exit_code == 0, done.output
-    document: dict[str, Any] = json.loads(done.stdout)
-    return document

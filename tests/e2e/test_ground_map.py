@@ -68,8 +68,13 @@ def test_slopes_and_heights_of_an_afternoon(tmp_path):
     """
     with ground_map.record_terrain(tmp_path / "terrain", "3h", ground_map.dem()) as session:
         times_ns = session.start_ns + np.arange(0, 180 * 60 * 10**9, ground_map.STEP_NS)
-    found = {one.name: one.value for one in ground_map.compare(tmp_path / "terrain", times_ns)}
-    assert found["tilt where a degree is worth 0.2 K"] <= 2.1
-    assert found["  these within their 90 % bounds"] >= 88.0
-    assert found["place of the crater"] <= 0.5
-    assert found["heights over a relief of 3.2 m"] <= 5.0
+    results = ground_map.compare(tmp_path / "terrain", times_ns)
+
+    def value(word: str) -> float:
+        (result,) = [result for result in results if word in result.name]
+        return result.value
+
+    assert value("worth 0.2 K") <= 2.1
+    assert value("90 % bounds") >= 88.0
+    assert value("crater") <= 0.5
+    assert value("heights") <= 5.0

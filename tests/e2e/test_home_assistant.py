@@ -7,7 +7,6 @@ Topics, keys, device classes and units: Home Assistant's documentation of "MQTT 
 import json
 import re
 import shutil
-import socket
 import subprocess
 import time
 from typing import Any
@@ -21,6 +20,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import prepare
+from tests.harness.page import free_port
 
 UNITS = {"temperature": "°C", "illuminance": "lx", "irradiance": "W/m²", "wind_speed": "m/s", None: "°"}
 """A unit that Home Assistant takes for each device class; none: an angle."""
@@ -33,9 +33,7 @@ def broker(tmp_path):
     program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin")
     if program is None:
         pytest.skip("no mosquitto here: apt-get install mosquitto")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
+    port = free_port()
     (tmp_path / "mosquitto.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
     with subprocess.Popen([program, "-c", tmp_path / "mosquitto.conf"], stderr=subprocess.DEVNULL) as process:
         yield port
@@ -110,7 +108,7 @@ def test_without_a_broker_the_recording_does_not_begin(tmp_path):
     create_campaign(tmp_path / "field", SIMULATED)
     config = load_config(tmp_path / "field" / FILE_NAME, settings=["alarms.home_assistant=true"])
     with (
-        pytest.raises(ConfigError, match="needs the broker") as refused,
+        pytest.raises(ConfigError, match=r"alarms\.home_assistant") as refused,
         prepare(config, RecordOptions(duration_s=60.0)) as one,
     ):
         one.run()

@@ -1,5 +1,6 @@
 """Who gets what from the page: each test first shows the attack against a page without the guard."""
 
+import errno
 import os
 import re
 import socket
@@ -11,6 +12,7 @@ from contextlib import ExitStack, suppress
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.frames import Close
 
 from fieldkit.page import answers, checks, requests, viewer
 from fieldkit.page import server as page_server
@@ -21,7 +23,7 @@ from fieldkit.page.server import listening
 from fieldkit.page.sessions import identifier
 from fieldkit.recording.background import RecordOptions
 from tests.harness.disk import full_disk
-from tests.harness.page import HOST, Served, campaign, served
+from tests.harness.page import HOST, Browser, Served, campaign, served
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 HOSTILE = "http://evil.example"
@@ -42,6 +44,14 @@ def page(folder):
 def unguarded(folder):
     """A page without one of its checks."""
     return lambda left_out: served(folder, checks=[check for check in CHECKS if check is not left_out])
+
+
+def closing(browser: Browser) -> Close:
+    """How the server ends a connection."""
+    with pytest.raises(ConnectionClosed) as closed:
+        browser.next("never")
+    assert closed.value.rcvd is not None
+    return closed.value.rcvd
 
 
 def refused(open_it: Callable[[], object]) -> int:
@@ -108,17 +118,14 @@ def test_a_rebound_name_opens_no_socket(page, unguarded):
     assert upgrade(page, "evil.example") == b"HTTP/1.1 403"
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", socket.gethostname()])
-def test_its_own_names_are_known(page, name):
-    assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 200
+OWN_NAMES = ("127.0.0.1", "localhost", "LOCALHOST", socket.gethostname())
+OTHERS = ("127.0.0.1.evil.example", "localhost.evil.example", "10.0.0.1", "[::1]", "", "127.1", "2130706433")
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["127.0.0.1.evil.example", "localhost.evil.example", "10.0.0.1", "[::1]", "", "127.1", "2130706433"],
-)
-def test_other_names_are_not(page, name):
-    assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 403
+@pytest.mark.parametrize("name", OWN_NAMES + OTHERS)
+def test_its_own_names_are_known_and_no_others(page, name):
+    status = page.ask("GET", "/", Host=f"{name}:{page.port}").status
+    assert status == (200 if name in OWN_NAMES else 403)
 
 
 @pytest.mark.parametrize(
@@ -251,9 +258,7 @@ def test_who_may_look_may_not_control(folder, page, what, monkeypatch):
     before = (folder / "fieldkit.toml").read_bytes()
     with page.browser("view") as browser:
         assert browser.next("hello")["role"] == "view"
-        answer = browser.request(**what)
-        assert not answer["ok"]
-        assert answer["text"] == "this link may only look"
+        assert not browser.request(**what)["ok"]
         # without the guard the request goes through to what would do it
         # (which would start a recording: what it does is the other files' claim)
         everything = (*requests.FOR_ANYONE, *requests.FOR_CONTROL)
@@ -277,7 +282,7 @@ def test_who_looks_does_not_hold_up_who_controls(page, monkeypatch):
             looking.request(do="value", x=1, y=1)
         given_up = threading.Timer(5.0, listed.set)
         given_up.start()
-        assert control.request(do="mark", text="x")["text"] == "no recording is running in this campaign"
+        assert not control.request(do="mark", text="x")["ok"]  # nothing is recorded
         assert not listed.is_set(), "it waits behind their lists"
         given_up.cancel()
         listed.set()
@@ -348,10 +353,7 @@ def test_sessions_end(folder, monkeypatch):
             browser.next("hello")
             later = time.time() + 25 * 3600
             monkeypatch.setattr("time.time", lambda: later)  # a day later
-            with pytest.raises(ConnectionClosed) as closed:
-                browser.next("never")
-        assert closed.value.rcvd is not None
-        assert closed.value.rcvd.reason == "its session has ended"
+            assert "ended" in closing(browser).reason
         assert page.ask("GET", "/role", Cookie=cookie).json == {"role": None}
 
 
@@ -399,10 +401,7 @@ def test_every_answer_carries_its_policy(page):
 def test_a_long_message_ends_its_connection(page):
     with page.browser() as browser:
         browser.socket.send("x" * (requests.MAX_BYTES + 1))
-        with pytest.raises(ConnectionClosed) as closed:
-            browser.next("never")
-    assert closed.value.rcvd is not None
-    assert closed.value.rcvd.code == 1009
+        assert closing(browser).code == 1009
 
 
 def test_too_many_requests_end_their_connection(page):
@@ -410,10 +409,7 @@ def test_too_many_requests_end_their_connection(page):
         with suppress(ConnectionClosed):
             for _ in range(4 * viewer.BURST):
                 browser.socket.send('{"do": "value", "x": 1, "y": 1}')
-        with pytest.raises(ConnectionClosed) as closed:
-            browser.next("never")
-    assert closed.value.rcvd is not None
-    assert closed.value.rcvd.reason == "too many requests"
+        assert "too many" in closing(browser).reason
 
 
 def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(folder):
@@ -421,10 +417,8 @@ def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(f
         browsers = [page.browser("view") for _ in range(MAX_VIEWERS)]
         for browser in browsers:
             browser.next("hello")
-        with page.browser("view") as one_more, pytest.raises(ConnectionClosed) as closed:
-            one_more.next("hello")
-        assert closed.value.rcvd is not None
-        assert closed.value.rcvd.code == page_server.FULL
+        with page.browser("view") as one_more:
+            assert closing(one_more).code == page_server.FULL
         with page.browser("control") as control:
             assert control.next("hello")["role"] == "control"
             with pytest.raises(ConnectionClosed):
@@ -520,7 +514,7 @@ def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder):
         with full_disk(0):
             answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
     assert answer.status == 507
-    assert "File too large" in answer.json["text"]
+    assert os.strerror(errno.EFBIG) in answer.json["text"]
     assert "room" in answer.json["fix"]
 
 
@@ -534,8 +528,8 @@ def test_text_that_is_not_text_is_answered(page, do, key, odd):
             **{"do": do, "text": "x", key: odd} if do == "mark" else {"do": do, key: odd}
         )
         assert not answer["ok"]
-        assert "has a character that is not text" in answer["text"]
-        assert answer["fix"] == "type it anew"
+        assert "not text" in answer["text"]
+        assert "anew" in answer["fix"]
 
 
 @pytest.mark.parametrize(
@@ -568,12 +562,12 @@ def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page):
 
 def test_a_request_that_fails_in_any_other_way_is_answered(page, monkeypatch, caplog):
     def fail(*_: object) -> None:
-        raise ZeroDivisionError("no list at all")
+        raise ZeroDivisionError("unlisted")
 
     monkeypatch.setattr(page.page.past, "rows", fail)  # only a mistake of ours does
     with page.browser() as browser:
         answer = browser.request(do="sessions")
-    assert (answer["ok"], "no list at all" in answer["text"]) == (False, True)
+    assert (answer["ok"], "unlisted" in answer["text"]) == (False, True)
     assert "ZeroDivisionError" in caplog.text
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -20,9 +19,6 @@ from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST,
 from tests.harness.page import served
 from tests.harness.recording import CountedClock, fill, header
 from tests.harness.waiting import wait_until
-
-if TYPE_CHECKING:
-    pass
 
 FITS = "document.documentElement.scrollWidth <= window.innerWidth"
 COLOURS = (
@@ -59,24 +55,22 @@ def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_the
     this = {"session": identifier(path)}
     with page.browser("view") as looking:
         assert [one["words"] for one in looking.request(do="marks", **this)["data"]][2] == "cloud: cloud"
-        assert looking.request(do="take_back", mark=2, **this)["fix"] == "open the page by a control link"
+        assert not looking.request(do="take_back", mark=2, **this)["ok"]
     with page.browser() as browser:
         assert browser.request(do="take_back", mark=2, **this)["ok"]
-        done = browser.request(do="edit_mark", mark=3, text="a thin cloud", kind="sky", at="12:00", **this)
-        assert done["text"] == "mark 3 is now: a thin cloud"
+        done = browser.request(do="edit_mark", mark=3, text="haze", kind="sky", at="12:00", **this)
+        assert done["text"].endswith(": haze")
         _, first, second = browser.request(do="marks", **this)["data"]
         assert (first["text"], first["counts"]) == ("wind", False)
-        assert (second["words"], second["counts"]) == ("sky: a thin cloud", True)
+        assert (second["words"], second["counts"]) == ("sky: haze", True)
         with fieldkit.open_session(path) as session:
-            assert {number: mark.text for number, mark in session.marks().items()} == {
-                1: "wolke über b05",
-                3: "a thin cloud",
-            }
+            marks = {number: mark.text for number, mark in session.marks().items()}
+            assert marks == {1: "wolke über b05", 3: "haze"}
             assert [event.text for event in session.events(recorded=True)][: len(made)] == made
         assert browser.request(do="edit_mark", mark=2, **this)["ok"]
         assert [one["counts"] for one in browser.request(do="marks", **this)["data"]] == [True] * 3
         assert "no mark 7" in browser.request(do="take_back", mark=7, **this)["text"].replace("'", "")
-        assert browser.request(do="marks")["text"] == "no recording is running in this campaign"
+        assert not browser.request(do="marks")["ok"]
 
 
 def test_small_images_and_slopes_are_those_of_the_session(page, folder):

@@ -7,7 +7,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.recording.running import session_in_progress
+from tests.harness.command_line import program
 from tests.harness.page import campaign, lost_nothing
 from tests.harness.waiting import PATIENCE_S, wait_until
 
@@ -24,8 +24,8 @@ ADDRESS, PORT = "127.0.0.77", 8765
 
 @contextmanager
 def recording(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    words = [sys.executable, "-m", "fieldkit", "record", "-C", str(folder), "--set", "record.sampling=all"]
-    with subprocess.Popen([*words, *options], stderr=subprocess.PIPE, text=True) as process:
+    words = ("record", "-C", folder, "--set", "record.sampling=all")
+    with program(*words, *options, stdout=None) as process:
         yield process
         if process.poll() is None:
             process.kill()
@@ -84,8 +84,8 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path, number)
 
 def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path):
     folder = campaign(tmp_path / "field")
-    with recording(folder, "--page=203.0.113.1", "--for", "8s") as process:  # RFC 5737: nobody's address
+    with recording(folder, "--page=203.0.113.1", "--for", "5s") as process:  # RFC 5737: nobody's address
         _, words = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
     assert "203.0.113.1:8765" in words
-    lost_nothing(folder, 8)
+    lost_nothing(folder, 5)

@@ -169,7 +169,8 @@ def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(browser, pages,
     page = opened(browser, pages[name].as_uri(), DESK, color_scheme="dark").page
     page.emulate_media(media="print")
     assert page.evaluate(BREAKS, ["h2, h3", "breakAfter"]) in (["avoid"], [])
-    assert page.evaluate(BREAKS, ["p, li, tr", "breakInside"]) == ["avoid"]
+    rows = "p, li, tr"
+    assert page.evaluate(BREAKS, [rows, "breakInside"]) == ["avoid"]
     assert (
         page.locator(".parts:visible, .readings:visible, details:not([open], .printed):visible").count() == 0
     )

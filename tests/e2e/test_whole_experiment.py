@@ -1,6 +1,8 @@
 """The main job as a user does it: record on simulated devices, then read the same session again."""
 
+import errno
 import json
+import os
 from collections import Counter
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -17,6 +19,7 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
+from fieldkit.recorder import Summary, View
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send
@@ -161,23 +164,28 @@ class Falling:
     def show(self, item: object) -> None:
         self.seen += 1
         if self.seen == self.at:
-            raise KeyError("a mistake in the view")
+            raise KeyError("falling")
 
     def close(self) -> None:
         raise ValueError("a mistake at the end")
 
 
+def record(campaign: Path, path: Path, seconds: float, *views: View, setting: str = "") -> Summary:
+    settings = ["simulation.speed=max", *filter(None, [setting])]
+    config = load_config(campaign / "fieldkit.toml", settings=settings)
+    with open_instruments(config, duration_s=seconds) as tools:
+        return PreparedRecording(config, tools, path, duration_s=seconds).run(views).summary
+
+
 def test_views_that_raise_do_not_end_the_recording(campaign):
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "views.h5"
     views = [Falling(at=20), Falling()]
-    with open_instruments(config, duration_s=59.0) as tools:
-        summary = PreparedRecording(config, tools, path, duration_s=59.0).run(views).summary
+    summary = record(campaign, path, 59.0, *views)
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == pytest.approx(59, abs=3)
         (told,) = [event.text for event in session.events() if event.kind is EventKind.VIEW]
-    assert told == "a view stopped: KeyError('a mistake in the view'); recording goes on"
+    assert "KeyError('falling')" in told
     assert views[0].seen == 20
     assert views[1].seen > 120  # two meters each second, and pictures
 
@@ -208,19 +216,15 @@ class Filling:
 
 def test_pictures_left_out_just_before_the_end_are_told(campaign):
     """A second without room for frames 4 s before the end: the pause that follows outlives the recording."""
-    settings = ["simulation.speed=max", "record.sampling=all"]
-    config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "paused.h5"
-    with open_instruments(config, duration_s=30.0) as tools:
-        view = Filling(path, 25, 26, room=10_000)
-        PreparedRecording(config, tools, path, duration_s=30.0).run([view])
+    record(campaign, path, 30.0, Filling(path, 25, 26, room=10_000), setting="record.sampling=all")
     with open_session(path) as session:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
         pictures = session.count("camera")
         assert session.count("lux") == pytest.approx(30, abs=3)
     left_out = int(told.split()[0])
     assert told.startswith(f"{left_out} frames skipped after a storage error: ")
-    assert "File too large" in told
+    assert os.strerror(errno.EFBIG) in told
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
@@ -235,12 +239,9 @@ class Crowding(Filling):
 
 def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(campaign, tmp_path):
     """The disk takes next to nothing from second 20 on, until the room kept for the end is given back."""
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     with small_disk(tmp_path, "24m") as place:
         path = place / "full.h5"
-        with open_instruments(config, duration_s=600.0) as tools:
-            view = Crowding(path, 20)
-            summary = PreparedRecording(config, tools, path, duration_s=600.0).run([view]).summary
+        summary = record(campaign, path, 600.0, Crowding(path, 20))
         assert summary.failure is not None
         with open_session(path) as session:
             assert session.state == "sealed"
@@ -249,19 +250,15 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
             marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
     ends = [one.text for one in errors if phase_of(one) is None]
     assert ends[-1].startswith("the recording ended early: ")
-    assert "No space left on device" in ends[-1]
+    assert os.strerror(errno.ENOSPC) in ends[-1]
     assert marks == ["the last"]
 
 
 def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
     """Recovery keeps it, once there is room."""
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "no-room.h5"
-    with (
-        open_instruments(config, duration_s=20.0) as tools,
-        pytest.raises(StorageError, match=r"no-room\.h5") as failed,
-    ):
-        PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
+    with pytest.raises(StorageError, match=r"no-room\.h5") as failed:
+        record(campaign, path, 20.0, Filling(path, 10))
     assert [step.action for step in steps(failed.value)] == [Action.RECOVER]
     fieldkit("recover", path)
     with open_session(path) as session:
@@ -270,11 +267,8 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
 
 
 def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign):
-    settings = ["simulation.speed=max", 'simulation.faults=["garbled"]']
-    config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "garbled.h5"
-    with open_instruments(config, duration_s=120.0) as tools:
-        PreparedRecording(config, tools, path, duration_s=120.0).run()
+    record(campaign, path, 120.0, setting='simulation.faults=["garbled"]')
     with open_session(path) as session:
         told: Counter[str] = Counter()
         for event in session.events():
@@ -286,15 +280,10 @@ def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"values": (1.0, 2.0)}, "not stored: stream 'lux' was declared as (1,), the sample has (2,)"),
-        ({"device_seq": 2**63}, "not stored: stream 'lux': a time or counter is no integer of 64 bits"),
-    ],
+    ("change", "told"), [({"values": (1.0, 2.0)}, ("(1,)", "(2,)")), ({"device_seq": 2**63}, (" 64 ",))]
 )
 def test_samples_that_are_not_as_declared_cost_only_themselves(campaign, change, told):
     """As of a driver with a mistake in it: two wrong ones in a row are told once."""
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / f"misfit-{next(iter(change))}.h5"
     original, calls = Meter.read, []
 
@@ -306,14 +295,15 @@ def test_samples_that_are_not_as_declared_cost_only_themselves(campaign, change,
                 return reading._replace(**change)
         return reading
 
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Meter, "read", read)  # a driver that breaks its declaration: none of ours does
-        summary = PreparedRecording(config, tools, path, duration_s=30.0).run().summary
+        summary = record(campaign, path, 30.0)
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == len(calls) - 2
         (event,) = [event for event in session.events() if event.kind is EventKind.GARBLED]
-    assert event.text.startswith(told)
+    assert "'lux'" in event.text
+    assert all(word in event.text for word in told)
 
 
 class Noting:
@@ -333,10 +323,8 @@ class Noting:
 
 
 def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign):
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "marked.h5"
-    with open_instruments(config, duration_s=59.0) as tools:
-        PreparedRecording(config, tools, path, duration_s=59.0).run([Noting(path)])
+    record(campaign, path, 59.0, Noting(path))
     with open_session(path) as session:
         marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
     assert marks == ["first"]

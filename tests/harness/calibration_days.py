@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
 from fieldkit.results.minutes import SessionMinutes
@@ -19,6 +17,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import series
+from tests.harness import command_line
 from tests.harness.seldom import SET_SELDOM
 
 TRUE_EMISSIVITY = 0.80
@@ -26,9 +25,15 @@ FAST = ("--set", "simulation.speed=max", "--set", f"simulation.emissivity={TRUE_
 
 
 def fieldkit(*arguments: str | Path, code: int = 0) -> Result:
-    found = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    found = command_line.fieldkit(*arguments)
     assert found.exit_code == code, found.output
     return found
+
+
+def calibrated(*words: str | Path) -> dict[str, Any]:
+    """The document of ``fieldkit calibrate WORDS --json``."""
+    document: dict[str, Any] = command_line.document("calibrate", *words)
+    return document
 
 
 def record_beds(folder: Path, **given: Any) -> Result:
@@ -65,6 +70,6 @@ def found_with_damage(session: Path, folder: Path, dataset: str, *command: str) 
         with h5py.File(copy, "r+") as file:
             middle = len(file[dataset]) // 2
             file[dataset][middle : middle + 10] = factor * file[dataset][middle : middle + 10]
-        said = json.loads(fieldkit("calibrate", command[0], copy, *command[1:], "--json").stdout)
+        said = calibrated(command[0], copy, *command[1:])
         found.append({key: said[key] for key in said.keys() - {"sources", "record"}})
     return found

@@ -1,8 +1,10 @@
-"""The command line, run in this process."""
+"""The command line, run in this process or in one of its own."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from typing import Any
 
 import click
@@ -32,3 +34,10 @@ def succeed(*words: object) -> Result:
 def document(*words: object) -> Any:
     """The JSON document that ``fieldkit WORDS`` prints."""
     return json.loads(succeed(*words, "--json").stdout)
+
+
+def program(*words: object, **options: Any) -> subprocess.Popen[str]:
+    """The process of ``fieldkit WORDS``, what it prints in pipes."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    command = [sys.executable, "-m", "fieldkit", *map(str, words)]
+    return subprocess.Popen(command, text=True, **{**pipes, **options})

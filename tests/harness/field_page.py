@@ -7,9 +7,7 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +20,8 @@ from playwright.sync_api import sync_playwright
 
 from fieldkit.page.keys import Keys
 from fieldkit.page.viewer import Role
+from tests.harness.command_line import program
+from tests.harness.page import free_port
 from tests.harness.waiting import PATIENCE_S
 
 if TYPE_CHECKING:
@@ -48,13 +48,6 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-def free_port() -> int:
-    """A port on which nothing listens."""
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
-
-
 @dataclass
 class Served:
     """A running ``fieldkit page``."""
@@ -66,9 +59,8 @@ class Served:
 
     def start(self) -> None:
         """Start the server, and wait until it listens."""
-        words = [sys.executable, "-m", "fieldkit", "page", "-C", str(self.folder), "--port", str(self.port)]
         chosen = [word for setting in self.settings for word in ("--set", setting)]
-        self.process = subprocess.Popen([*words, *chosen], stderr=subprocess.PIPE, text=True)
+        self.process = program("page", "-C", self.folder, "--port", self.port, *chosen, stdout=None)
         assert self.process.stderr is not None
         printed = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, self.process.stderr))
         assert f"control  {self.address}#" in printed, printed
@@ -92,7 +84,7 @@ class Served:
     def stop(self) -> None:
         """End the recording, if one runs, and the server."""
         if list((self.folder / "recordings").glob("*.journal")):
-            subprocess.run([sys.executable, "-m", "fieldkit", "stop", "-C", self.folder], capture_output=True)
+            program("stop", "-C", self.folder).communicate()
         assert self.process is not None
         self.process.send_signal(signal.SIGINT)
         try:

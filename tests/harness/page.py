@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -27,6 +28,13 @@ from fieldkit.sessions.reader import open_session
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 HOST = "127.0.0.1"
+
+
+def free_port() -> int:
+    """A port on which nothing listens."""
+    with socket.socket() as listener:
+        listener.bind((HOST, 0))
+        return int(listener.getsockname()[1])
 
 
 def campaign(folder: Path) -> Path:

@@ -57,7 +57,7 @@ def test_a_session_holds_pose_trajectory_and_corners_itself(tmp_path):
     (tmp_path / "run.tum").unlink()
     again = config_from_text(config.to_toml(), tmp_path / "recordings" / "a.h5")
     assert again.tables == config.tables
-    assert again.regions == config.regions
+    assert repr(again.regions) == repr(config.regions)  # NaN is equal to NaN
     half_past = again.pose.at(1_451_674_800_000_000_000 + 1800 * 10**9)
     assert half_past.position_m == (500001.0, 4172000.0, 2310.0)
 
@@ -75,7 +75,7 @@ def test_a_pose_may_be_a_file_with_the_same_keys_and_is_replaced_by_another(tmp_
     )
     assert turned.pose.at(0).yaw_deg == pytest.approx(90.0)
     # where the region was drawn while recording stays as it was
-    assert turned.regions == loaded(file).regions
+    assert repr(turned.regions) == repr(loaded(file).regions)
 
 
 def test_a_dem_is_found_beside_the_file_that_names_it(tmp_path):

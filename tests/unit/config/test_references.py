@@ -1,3 +1,4 @@
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
@@ -72,7 +73,9 @@ def test_a_session_keeps_value_and_record_and_needs_no_folder(folder, tmp_path):
     assert elsewhere.surface_parameters().emissivity == 0.93
     kept = elsewhere.tables.calibration["surface.emissivity"]
     assert (kept["reference"], kept["file"]) == ("@sand", "20261211T013000Z-sand.toml")
-    assert elsewhere.calibrations()["surface.emissivity"] == record("emissivity", "sand", 0.93, day=11)
+    records = elsewhere.calibrations()["surface.emissivity"], record("emissivity", "sand", 0.93, day=11)
+    stored_record, original = (replace(sand, angle_deg=0.0) for sand in records)  # which is NaN
+    assert stored_record == original
 
 
 def test_a_session_is_read_again_under_another_record_or_number(folder):
@@ -86,7 +89,8 @@ def test_a_session_is_read_again_under_another_record_or_number(folder):
     assert number.calibrations() == {}
     assert other.estimator_settings().emissivity_sd == 0.01
     assert number.estimator_settings().emissivity_sd == 0.0  # the record's went with its value
-    assert changed_config(other, ["surface.albedo=0.3"]).calibrations() == other.calibrations()
+    again = changed_config(other, ["surface.albedo=0.3"])
+    assert repr(again.calibrations()) == repr(other.calibrations())
 
 
 SAND = {"conductivity_w_m_k": 0.31, "depth_m": 0.042}
