@@ -161,16 +161,6 @@ def usual_rate_hz(time_ns: Sequence[int] | IntArray) -> float:
     return 1e9 / usual if usual > 0 else 0.0
 
 
-def is_bunched(time_ns: IntArray) -> BoolArray:
-    """True for frames that came together, having waited: half the usual interval apart or less."""
-    intervals = np.diff(time_ns)
-    if intervals.size < 3:
-        return np.zeros(len(time_ns), np.bool_)
-    is_close = np.pad(intervals < 0.5 * np.median(intervals), 1)
-    late: BoolArray = is_close[1:] | is_close[:-1]
-    return late
-
-
 @dataclass(frozen=True, slots=True)
 class ReadAgain(Generic[T]):
     """Samples that are read anew, by `read`, whenever they are asked for: never all are in memory."""
@@ -188,7 +178,11 @@ def flag_bunched(
 
     `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
-    late = is_bunched(np.array(time_ns, np.int64))
+    intervals = np.diff(np.array(time_ns, np.int64))
+    usual = np.median(intervals) if intervals.size >= 3 else 0.0
+    # half the usual interval apart or less: they came together, having waited
+    is_close = np.pad(intervals < 0.5 * usual, 1)
+    late: BoolArray = is_close[1:] | is_close[:-1]
 
     def flag() -> Iterator[Frame]:
         for is_late, frame in zip(late, read(), strict=False):  # what came after was excluded

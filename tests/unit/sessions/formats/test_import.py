@@ -17,7 +17,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
 from fieldkit.results.importing import ImportOptions, read_source
-from fieldkit.sessions.formats.imported import flag_bunched, is_bunched, possible, write_imported
+from fieldkit.sessions.formats.imported import flag_bunched, possible, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.times import parse_times_ns
@@ -372,14 +372,6 @@ def test_origin_is_told_in_an_event(tmp_path):
     with open_session(tmp_path / "a.h5") as session:
         assert session.events()[0].kind is EventKind.IMPORTED
         assert session.events()[0].text.endswith(" a.gz")
-
-
-def test_bunched_stamps():
-    steady = np.arange(10, dtype=np.int64) * 100
-    assert not is_bunched(steady).any()
-    moved = steady.copy()
-    moved[4] = 495  # late, so it came together with the next
-    assert np.flatnonzero(is_bunched(moved)).tolist() == [4, 5]
 
 
 @pytest.mark.parametrize(
