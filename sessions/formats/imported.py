@@ -179,7 +179,7 @@ def flag_bunched(
     `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
     intervals = np.diff(np.array(time_ns, np.int64))
-    usual = np.median(intervals) if intervals.size >= 3 else 0.0
+    usual = float(np.median(intervals)) if intervals.size >= 3 else 0.0
     # half the usual interval apart or less: they came together, having waited
     is_close = np.pad(intervals < 0.5 * usual, 1)
     late: BoolArray = is_close[1:] | is_close[:-1]
