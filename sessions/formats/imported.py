@@ -178,7 +178,8 @@ def flag_bunched(
 
     `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
-    intervals = np.diff(np.array(time_ns, np.int64))
+    stamps_ns: IntArray = np.array(time_ns, np.int64)
+    intervals = np.diff(stamps_ns)
     usual = float(np.median(intervals)) if intervals.size >= 3 else 0.0
     # half the usual interval apart or less: they came together, having waited
     is_close = np.pad(intervals < 0.5 * usual, 1)
