@@ -93,8 +93,9 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     header = identity.header
     entry = put_group(file, "entry", "NXentry", default="data")
     # NeXus looks for what is plotted inside the entry; netCDF wants each group in one place only
-    plotted = next((info for info in header.streams if info.is_camera), header.streams[0])
-    entry["data"] = h5py.SoftLink(f"/{plotted.name}")
+    cameras_first = sorted(header.streams, key=lambda info: not info.is_camera)
+    for plotted in cameras_first[:1]:  # none where nothing was plugged in
+        entry["data"] = h5py.SoftLink(f"/{plotted.name}")
     put_text(entry, "title", header.title)
     put_text(entry, "program_name", "fieldkit", version=__version__)
     put_text(entry, "start_time", iso_utc(identity.start_ns), ISO_WIDTH)
