@@ -46,11 +46,12 @@ def test_without_the_printer_it_is_refused_before_the_work(session, tmp_path, mo
 
 
 def test_results_stand_for_their_sessions_and_parameters(session, tmp_path):
-    succeed("estimate", session, "--set", "surface.albedo=0.31", "-o", tmp_path / "base")
+    settings = ("--set", "surface.albedo=0.31", "--set", "estimator.model=paper")
+    succeed("estimate", session, *settings, "-o", tmp_path / "base")
     found = fieldkit("report", tmp_path / "base", "-o", tmp_path / "base.html", "--json")
     assert json.loads(found.stdout)["sessions"] == [str(session)]
     by_hand = tmp_path / "by-hand.html"
-    succeed("report", session, "--set", "surface.albedo=0.31", "-o", by_hand)
+    succeed("report", session, *settings, "-o", by_hand)
     assert (tmp_path / "base.html").read_text("utf-8") == by_hand.read_text("utf-8")
     assert "\nalbedo = 0.31\n" in by_hand.read_text("utf-8")
 

@@ -30,7 +30,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep")
     succeed("init", "--simulated", folder)
     for seed in (1, 2, 3):
-        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}", *SET_SELDOM)
+        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}", *PAPER, *SET_SELDOM)
         succeed("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
     return folder / "recordings"
 
