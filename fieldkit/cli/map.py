@@ -79,7 +79,7 @@ def command(
       solar     mean cosine of the sun's incidence over the day
       uvw       unit normal: east, north, up
       ptilt     P(tilt > --limit-deg), and the mean of the steepest tenth that fits
-      inertia   thermal inertia session_map by the learned model
+      inertia   thermal inertia by the learned model
 
     With a pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
     GeoTIFF with a band for each layer, and NAME.mcap, a grid map and of ptilt an occupancy grid for ROS 2.
