@@ -170,46 +170,16 @@ def _pack_strip(strip: CountArray) -> list[tuple[bytes, int]]:
     return [(data, isal_zlib.crc32(data)) for data in map(pack, strip)]
 
 
-class _ColumnWriter:
-    """One dataset of a table; its last, unfinished chunk stays in memory and is written again as it fills."""
-
-    def __init__(self, dataset: h5py.Dataset, column: Column) -> None:
-        self._dataset = dataset
-        self._rows = dataset.chunks[0]
-        self._empty = column.unknown(self._rows)
-        self._chunk = self._empty.copy()
-        self.length = 0
-        self.is_dirty = False
-
-    def append(self, values: AnyArray) -> None:
-        while len(values):
-            place = self.length % self._rows
-            part = values[: self._rows - place]
-            self._chunk[place : place + len(part)] = part
-            self.length += len(part)
-            self.is_dirty = True
-            values = values[len(part) :]
-            if self.length % self._rows == 0:
-                self.write()
-                self._chunk[...] = self._empty
-
-    def write(self) -> None:
-        if self.is_dirty:
-            self._dataset.id.set_extent((self.length, *self._chunk.shape[1:]))
-            corner = ((self.length - 1) // self._rows * self._rows, *(0,) * (self._chunk.ndim - 1))
-            self._dataset.id.write_direct_chunk(corner, self._chunk.tobytes())
-            self.is_dirty = False
-
-
 def as_column(values: Sequence[Any], column: Column) -> AnyArray:
     """The values of some rows as a column stores them."""
     return np.array(values, column.dtype).reshape(len(values), *column.shape)
 
 
 class TableWriter:
-    """The datasets of one group that grow together; rows wait until `write`, or until they fill a chunk.
+    """The datasets of one group that grow together; rows wait until `write`, or until they are many.
 
-    `as_column` makes an array of the values that some rows have for a column.
+    The last, unfinished chunk stays in memory and is written again as it fills. `as_column` makes an array of
+    the values that some rows have for a column.
     """
 
     def __init__(
@@ -219,24 +189,29 @@ class TableWriter:
         as_column: Callable[[Sequence[Any], Column], AnyArray] = as_column,
     ) -> None:
         ordered = sorted(columns, key=lambda column: column.name == "time")  # time last: it declares the row
-        self._writers = [(column, _ColumnWriter(group[column.name], column)) for column in ordered]
+        self._columns = [(column, group[column.name].id) for column in ordered]
+        self._chunk_rows = group["time"].chunks[0]
         self._as_column = as_column
-        self._waiting: list[Mapping[str, Any]] = []
+        self._rows: list[Mapping[str, Any]] = []
+        self._first, self._is_dirty = 0, False
 
     def append(self, *rows: Mapping[str, Any]) -> None:
         """Take rows, each with a value for every column."""
-        self._waiting += rows
-        if len(self._waiting) >= _ROWS_WAITING:
-            self._pass_on()
+        self._rows += rows
+        self._is_dirty = True
+        if len(self._rows) >= _ROWS_WAITING:
+            self.write()
 
     def write(self) -> None:
-        """Write everything to the file."""
-        self._pass_on()
-        for _, writer in self._writers:
-            writer.write()
-
-    def _pass_on(self) -> None:
-        """Column by column: making an array costs as much for one value as for hundreds."""
-        rows, self._waiting = self._waiting, []
-        for column, writer in self._writers if rows else ():
-            writer.append(self._as_column([row[column.name] for row in rows], column))
+        """Write everything to the file, chunk by chunk."""
+        while self._rows and self._is_dirty:
+            rows = self._rows[: self._chunk_rows]
+            for column, dataset in self._columns:
+                values = column.unknown(self._chunk_rows)
+                values[: len(rows)] = self._as_column([row[column.name] for row in rows], column)
+                dataset.set_extent((self._first + len(rows), *column.shape))
+                dataset.write_direct_chunk((self._first, *(0 for _ in column.shape)), values.tobytes())
+            self._is_dirty = len(self._rows) > len(rows)
+            if len(rows) == self._chunk_rows:
+                del self._rows[: self._chunk_rows]
+                self._first += self._chunk_rows

@@ -9,7 +9,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import fields
+from functools import cache
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -19,7 +21,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate, SlopeState
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.chunks import as_column
 from fieldkit.sessions.layout import (
     EVENT_COLUMNS,
@@ -37,18 +39,14 @@ from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
 Table = Mapping[str, AnyArray]
 Row = dict[str, Any]
-_NUMBERS = (*SLOPE_FIELDS, "n_bins")
+T = TypeVar("T")
 _BY_REGION = ("residual_k", "autocorrelation")
 _TEXT_BYTES, _DATA_BYTES, _WHOLE_TEXT = 256, 1024, "whole_text"
 _PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected", "implausible")
 _ATTRIBUTES = {
-    "time": "time_ns",
-    "window_start": "window_start_ns",
-    "offset_error_ns": "error_ns",
-    "label": "name",
-}
+    "time": "time_ns", "window_start": "window_start_ns", "offset_error_ns": "error_ns", "label": "name",
+}  # fmt: skip
 """Attributes of an entry that are not called as their columns."""
-_HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
 
 
 class EntryRows:
@@ -72,14 +70,14 @@ class EntryRows:
         elif isinstance(entry, RegionRecord):
             yield "regions", self._region_row(entry)
         elif isinstance(entry, Event):
-            yield "events", _row(EVENT_COLUMNS, entry, data=stored_details(entry))
+            yield "events", row_of(EVENT_COLUMNS, entry, data=stored_details(entry))
         elif isinstance(entry, Health):
             yield "health", self._health_row(entry)
         else:
             yield "clock", self._row("clock", entry, time=entry.mono_ns + self._anchor_ns)
 
     def _row(self, table: str, entry: object, **values: Any) -> Row:
-        return _row(self._columns[table], entry, **values)
+        return row_of(self._columns[table], entry, **values)
 
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
         row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
@@ -115,7 +113,7 @@ class EntryRows:
         return self._row("health", health, **counts)
 
 
-def _row(columns: Iterable[Column], entry: object, **values: Any) -> Row:
+def row_of(columns: Iterable[Column], entry: object, **values: Any) -> Row:
     """The row of an entry: its attributes by the columns called alike, and the `values` of the others."""
     row = {column.name: _ATTRIBUTES.get(column.name, column.name) for column in columns}
     row = {
@@ -143,15 +141,18 @@ def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
     return as_column(np.clip(np.array(values, object), lowest, highest), column)
 
 
+def stored_column(rows: Sequence[Row], column: Column) -> AnyArray:
+    """A column of some rows as h5py stores it, text marked as UTF-8."""
+    values = [row[column.name] for row in rows]
+    if column.is_text:
+        return np.array(values, h5py.string_dtype("utf-8", np.dtype(column.dtype).itemsize))
+    return fitting_column(values, column)
+
+
 def event_columns(events: Sequence[Event]) -> Table:
-    """The columns of a table of these events, text marked as UTF-8."""
-    rows = [_row(EVENT_COLUMNS, event, data=stored_details(event)) for event in events]
-    columns = dict[str, AnyArray]()
-    for column in EVENT_COLUMNS:
-        values = [row[column.name] for row in rows]
-        text = h5py.string_dtype("utf-8", np.dtype(column.dtype).itemsize)
-        columns[column.name] = np.array(values, text) if column.is_text else fitting_column(values, column)
-    return columns
+    """The columns of a table of these events."""
+    rows = [row_of(EVENT_COLUMNS, event, data=stored_details(event)) for event in events]
+    return {column.name: stored_column(rows, column) for column in EVENT_COLUMNS}
 
 
 def stored_details(event: Event) -> bytes:
@@ -178,22 +179,37 @@ def _json(data: Mapping[str, Any]) -> bytes:
 
 
 def _rows(table: Table) -> Iterator[Row]:
-    """The rows of a table, one after the other, as plain numbers, bytes and lists."""
-    columns = [values.tolist() for values in table.values()]
-    return (dict(zip(table, row, strict=True)) for row in zip(*columns, strict=False))
+    """The rows of a table by the attributes they are of, as plain numbers, texts and lists."""
+    names = [_ATTRIBUTES.get(name, name) for name in table]  # "time" gives way to the "time_ns" behind it
+    columns = [_plain(values) for values in table.values()]
+    return (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=False))
+
+
+def _plain(values: AnyArray) -> list[Any]:
+    is_text = values.dtype.kind == "S" and values.ndim == 1
+    return [decode_text(text) for text in values.tolist()] if is_text else values.tolist()
+
+
+def _entry(kind: type[T], row: Row, /, **values: Any) -> T:
+    """An entry from its row, the inverse of `row_of`: the `values`, and the row's for the other fields."""
+    names = _field_names(kind)  # type: ignore[arg-type]  # mypy takes no type[T] for hashable
+    return kind(**{name: row[name] for name in names if name in row} | values)
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def events_from(table: Table) -> list[Event]:
     """The events of a table."""
-    return [_event(row, _details_from(decode_text(row["data"]))) for row in _rows(table)]
+    return [_event(row, _details_from(row["data"])) for row in _rows(table)]
 
 
 def _event(row: Row, details: dict[str, Any]) -> Event:
-    return Event(
-        EventKind(row["kind"]), row["mono_ns"], row["time_ns"],
-        str(details.pop(_WHOLE_TEXT, decode_text(row["text"]))), decode_text(row["stream"]),
-        Severity(row["severity"]), details,
-    )  # fmt: skip
+    text = str(details.pop(_WHOLE_TEXT, row["text"]))
+    kind, severity = EventKind(row["kind"]), Severity(row["severity"])
+    return _entry(Event, row, kind=kind, severity=severity, text=text, data=details)
 
 
 def _details_from(text: str) -> dict[str, Any]:
@@ -217,18 +233,12 @@ def _health(row: Row, streams: tuple[str, ...]) -> Health:
         StreamHealth(name, **{key: row[key][place] for key in _PER_STREAM})
         for place, name in enumerate(streams)
     )
-    return Health(row["mono_ns"], row["time_ns"], tuple(of_streams), **{key: row[key] for key in _HEALTH})
+    return _entry(Health, row, streams=tuple(of_streams))
 
 
 def clock_checks_from(table: Table) -> list[ClockCheck]:
     """The comparisons of the clocks."""
-    return [
-        ClockCheck(
-            row["mono_ns"], row["utc_minus_mono_ns"], row["offset_error_ns"], decode_text(row["source"]),
-            row["suspended_ns"],
-        )
-        for row in _rows(table)
-    ]  # fmt: skip
+    return [_entry(ClockCheck, row) for row in _rows(table)]
 
 
 def regions_from(table: Table) -> list[RegionRecord]:
@@ -238,11 +248,9 @@ def regions_from(table: Table) -> list[RegionRecord]:
 
 def _region(row: Row) -> Region:
     corners, corners_m = (row[name][: row["n_vertices"]] for name in ("vertices", "vertices_m"))
-    return Region(
-        decode_text(row["label"]), RegionKind(row["kind"]), tuple(map(tuple, corners)), row["tilt_deg"],
-        row["azimuth_deg"], row["emissivity"],
-        () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m)), decode_text(row["camera"]),
-    )  # fmt: skip
+    points_m = () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m))
+    vertices = tuple(map(tuple, corners))
+    return _entry(Region, row, kind=RegionKind(row["kind"]), vertices=vertices, points_m=points_m)
 
 
 def estimates_from(table: Table) -> list[SlopeEstimate]:
@@ -251,12 +259,7 @@ def estimates_from(table: Table) -> list[SlopeEstimate]:
 
 
 def _estimate(row: Row) -> SlopeEstimate:
-    return SlopeEstimate(
-        row["time_ns"], decode_text(row["region"]), SlopeState(row["state"]),
-        **{name: row[name] for name in _NUMBERS}, flags=Quality(row["flags"]),
-        window_start_ns=row["window_start_ns"], model=decode_text(row["model"]),
-        reason=decode_text(row["reason"]),
-    )  # fmt: skip
+    return _entry(SlopeEstimate, row, state=SlopeState(row["state"]), flags=Quality(row["flags"]))
 
 
 def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:

@@ -24,8 +24,6 @@ from fieldkit.sessions.layout import (
     FILL_COUNT,
     FORMAT_NAME,
     FORMAT_VERSION,
-    MAX_LEARNT,
-    MAX_VERTICES,
     RECORDING,
     TIME_MAP_COLUMNS,
     Column,
@@ -122,16 +120,12 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         rows, cols = info.shape
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
-    for column in columns:
-        if column.name == "value" and column.dims:
-            put_scale(group, "channel", np.arange(info.shape[0], dtype="<i4"), units="1")
-            is_named = len(info.channels) == info.shape[0]
-            put_data(group, "label", labels(info.channels, 32), *(("channel",) if is_named else ()))
-        if column.name == "raw":
-            put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
     put_columns(group, columns, info.rate_hz)
     if info.is_camera:
         _frames(group, info)
+    elif axes:
+        is_named = len(info.channels) == info.shape[0]
+        put_data(group, "label", labels(info.channels), *(axes if is_named else ()))
 
 
 def _frames(group: h5py.Group, info: StreamInfo) -> None:
@@ -156,16 +150,9 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     signal = {"signal": "value", "axes": labels(["time"])} if name == "irradiance" else {}
     nx_class = {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection")
     group = put_group(file, name, nx_class, **signal)
-    if name == "learnt":
-        put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
-        put_scale(group, "parameter", np.arange(MAX_LEARNT, dtype="<i4"), units="1")
-    if name == "health":
-        put_scale(group, "stream", labels(info.name for info in header.streams))
-    if name == "regions":
-        put_scale(group, "vertex", np.arange(MAX_VERTICES, dtype="<i4"), units="1")
-        put_scale(group, "xy", labels(["x", "y"], 1))
-        put_scale(group, "enu", labels(["east", "north", "up"], 5))
-    put_columns(group, columns)
+    regions, streams = labels(header.region_names, 64), labels(info.name for info in header.streams)
+    xy, enu = labels(["x", "y"], 1), labels(["east", "north", "up"], 5)
+    put_columns(group, columns, region=regions, stream=streams, xy=xy, enu=enu)
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:
@@ -245,8 +232,14 @@ def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> N
     put_data(group, name, values, **attributes).make_scale(name)
 
 
-def put_columns(group: h5py.Group, columns: Sequence[Column], rate_hz: float = 0.0) -> None:
-    """The empty, growing datasets of a table, with their scales; of a stream with its rate."""
+def put_columns(
+    group: h5py.Group, columns: Sequence[Column], rate_hz: float = 0.0, **names: AnyArray
+) -> None:
+    """The empty, growing datasets of a table; their axes beside time have `names`, or numbers from 0."""
+    sizes = {dim: size for column in columns for dim, size in zip(column.dims, column.shape, strict=True)}
+    for dim, size in sizes.items():
+        about = {} if dim in names else {"units": "1"}
+        put_scale(group, dim, names.get(dim, np.arange(size, dtype="<i4")), **about)
     rows = chunk_rows(columns, rate_hz)
     for column in columns:
         dtype = h5py.string_dtype("utf-8", int(column.dtype[1:])) if column.is_text else column.dtype

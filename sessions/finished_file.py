@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -14,16 +14,16 @@ import h5py
 import numpy as np
 
 from fieldkit.disk import Patience, move_into_place, one_at_a_time, sync
-from fieldkit.model.arrays import AnyArray, IntArray
+from fieldkit.model.arrays import IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.entry_rows import event_columns
+from fieldkit.sessions.entry_rows import Row, row_of, stored_column, stored_details
 from fieldkit.sessions.file_tree import put_columns, put_group
 from fieldkit.sessions.guarded_file import GuardedFile
-from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, TIME_MAP_COLUMNS, Column, encode_text
+from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, TIME_MAP_COLUMNS, Column
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stored import columns_of
 from fieldkit.sessions.time_map import TimeStep, row_crc32s
@@ -69,13 +69,14 @@ def changing_path(path: Path) -> Path:
     return path.with_name(path.name + ".changing")
 
 
-def _append(group: h5py.Group, columns: Sequence[Column], rows: Mapping[str, AnyArray]) -> None:
+def _append(group: h5py.Group, columns: Sequence[Column], rows: Sequence[Row]) -> None:
     """Add rows, with their checksums, to a group."""
-    rows = {**rows, "crc32": np.array(row_crc32s(rows), np.uint32)}
+    stored = {column.name: stored_column(rows, column) for column in columns}
+    stored["crc32"] = np.array(row_crc32s(stored), np.uint32)
     old = group["time"].shape[0]
     for name, dataset in columns_of(group, columns).items():
-        dataset.resize((old + len(rows[name]),))
-        dataset[old:] = rows[name]
+        dataset.resize((old + len(rows),))
+        dataset[old:] = stored[name]
 
 
 # --- corrections of marks
@@ -92,8 +93,9 @@ def add_later_events(path: Path, events: Sequence[Event]) -> None:
 def _add(events: Sequence[Event], file: h5py.File) -> None:
     if LATER_EVENTS not in file:
         put_columns(put_group(file, LATER_EVENTS, "NXlog"), LATER_EVENT_COLUMNS)
-    group, written = file[LATER_EVENTS], np.full(len(events), time.time_ns() // 1000, np.int64)
-    _append(group, LATER_EVENT_COLUMNS, {**event_columns(events), "written": written})
+    written = {"written": time.time_ns(), "crc32": 0}
+    rows = [row_of(LATER_EVENT_COLUMNS, event, data=stored_details(event), **written) for event in events]
+    _append(file[LATER_EVENTS], LATER_EVENT_COLUMNS, rows)
 
 
 # --- corrections of the clock
@@ -101,8 +103,6 @@ def _add(events: Sequence[Event], file: h5py.File) -> None:
 
 STEP_NS = SECOND_NS
 TOLERANCE_NS = 2_000_000_000
-
-_REASON = h5py.string_dtype("utf-8", 256)
 
 _TRUSTED = ("gps", "ptp", "ntp", "phone")
 
@@ -167,11 +167,5 @@ def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
 
 def _add_steps(steps: Sequence[TimeStep], file: h5py.File) -> None:
     group = file["time_map"]
-    rows: dict[str, AnyArray] = {
-        "time": np.full(len(steps), time.time_ns() // 1000, np.int64),
-        "mono_ns": np.array([step.mono_ns for step in steps], np.int64),
-        "add_ns": np.array([step.add_ns for step in steps], np.int64),
-        "version": np.full(len(steps), int(group["version"][:].max(initial=0)) + 1, np.uint16),
-        "reason": np.array([encode_text(step.reason, 256) for step in steps], _REASON),
-    }
-    _append(group, TIME_MAP_COLUMNS, rows)
+    written = {"time": time.time_ns(), "version": int(group["version"][:].max(initial=0)) + 1, "crc32": 0}
+    _append(group, TIME_MAP_COLUMNS, [row_of(TIME_MAP_COLUMNS, step, **written) for step in steps])
