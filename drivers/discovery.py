@@ -105,11 +105,7 @@ def _other_devices(present: list[Found], recognised: set[str], note: str) -> lis
     units = [usb for _, usb in present]
     return [
         ConnectedDevice(
-            usb.as_text(units),
-            path,
-            usb.title,
-            (),
-            WITHOUT_TEMPERATURES.get((usb.vendor, usb.product), note),
+            usb.as_text(units), path, usb.title, (), WITHOUT_TEMPERATURES.get((usb.vendor, usb.product), note)
         )
         for path, usb in present
         if path not in recognised

@@ -54,9 +54,7 @@ def usb_errors(place: str) -> Iterator[None]:
             ) from error
         if code == errno.EBUSY:
             raise DeviceAccessError(
-                "used by another program",
-                place=place,
-                fix="close it, or unplug and plug it",
+                "used by another program", place=place, fix="close it, or unplug and plug it"
             ) from error
         if code in (errno.ENODEV, errno.ENOENT, errno.EIO):
             raise DeviceLostError(

@@ -24,12 +24,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import (
-    Decode,
-    DecodedFrame,
-    decode_frames,
-    pixel_view,
-)
+from fieldkit.drivers.cameras.camera import Decode, DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity

@@ -21,13 +21,7 @@ from typing import Any, NamedTuple
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, pixel_view
-from fieldkit.drivers.cameras.source import (
-    CameraDriver,
-    CameraFormat,
-    OpenedSource,
-    cameras,
-    open_source,
-)
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, OpenedSource, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes

@@ -94,11 +94,7 @@ class RequestBuffers(ctypes.Structure):
 
 
 class _TimeCode(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_uint32),
-        ("flags", ctypes.c_uint32),
-        ("fields", ctypes.c_uint8 * 8),
-    )
+    _fields_ = (("type", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("fields", ctypes.c_uint8 * 8))
 
 
 class _Place(ctypes.Union):

@@ -12,12 +12,7 @@ from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import (
-    Decode,
-    DecodedFrame,
-    decode_frames,
-    pixel_view,
-)
+from fieldkit.drivers.cameras.camera import Decode, DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count

@@ -42,12 +42,7 @@ FIELDS = {  # command: (channel, unit) of its three data fields
     b"08": (("illuminance", "lx"), ("colour temperature", "K"), ("duv", "")),
     b"15": (("illuminance", "lx"), ("dominant wavelength", "nm"), ("purity", "%")),
 }
-ERRORS = {
-    ord("1"): "head_off",
-    ord("2"): "eeprom",
-    ord("3"): "eeprom",
-    ord("5"): "over_range",
-}
+ERRORS = {ord("1"): "head_off", ord("2"): "eeprom", ord("3"): "eeprom", ord("5"): "over_range"}
 OUT_OF_RANGE = ord("6")
 FREE_RUNNING = (b"10", b"11")
 """Commands of a T-10, whose value stands still while it is held."""
