@@ -13,6 +13,8 @@ from fieldkit.model.errors import FieldkitError
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.sessions.reader import open_session
 
+EVENT_KEYS = ("stream", "text", "mono_ns")
+
 
 def newest_ns(folder: str, stream: str) -> int:
     """Monotonic stamp of the newest sample of a stream in the session a campaign is recording; 0 for none."""
@@ -39,14 +41,8 @@ def summary(path: str) -> dict[str, Any]:
             "end_ns": session.end_ns,
             "streams": streams,
             "events": [
-                {
-                    "kind": e.kind.name,
-                    "stream": e.stream,
-                    "text": e.text,
-                    "mono_ns": e.mono_ns,
-                    "data": dict(e.data),
-                }
-                for e in session.events()
+                {"kind": event.kind.name, **{key: getattr(event, key) for key in EVENT_KEYS}}
+                for event in session.events()
             ],
             "estimates": [
                 [one.region, one.state.name, one.tilt_deg, one.azimuth_deg] for one in session.estimates()

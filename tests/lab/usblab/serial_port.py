@@ -1,16 +1,14 @@
-"""Serial adapters of the guest: a meter's bytes on a socket.
-
-Connecting the socket plugs the adapter in, closing it pulls the plug.
-"""
+"""Serial adapters of the guest: a meter's bytes on a socket."""
 
 from __future__ import annotations
 
 import random
 import select
 import socket
-import threading
 import time
 from pathlib import Path
+
+from usblab.plug import Plug
 
 SPOILT_SHARE = 0.9
 """Share of the records that a bad contact changes."""
@@ -30,66 +28,40 @@ class Meter:
         return b""
 
 
-class SerialPort:
-    """One meter on one adapter; a context manager: plugged inside, unplugged after.
+class SerialPort(Plug):
+    """One meter on one adapter.
 
     While `garbled`, bytes are lost and changed as by a bad contact; while `mute`, nothing is sent.
     `records` counts what was sent.
     """
 
     def __init__(self, meter: Meter, path: Path) -> None:
+        super().__init__(path)
         self.meter = meter
         self.garbled = self.mute = False
         self.records = 0
-        self._path = path
         self._random = random.Random(1)
-        self._thread: threading.Thread | None = None
 
-    def __enter__(self) -> SerialPort:
-        self.plug()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.unplug()
-
-    def plug(self) -> None:
-        """Plug the adapter in."""
-        self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.connect(str(self._path))
-        self._ending, self._end = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name=self._path.name, daemon=True)
-        self._thread.start()
-
-    def unplug(self) -> None:
-        """Pull the plug; a second call does nothing."""
-        if self._thread is not None:
-            self._end.close()
-            self._thread.join()
-            self._thread = None
-            self._ending.close()
-
-    def _run(self) -> None:
+    def serve(self, wire: socket.socket, ending: socket.socket) -> None:
+        """Answer what comes, and send unasked at the meter's interval."""
         due_s = time.monotonic()
-        with self._socket:
-            while True:
-                ready, _, _ = select.select(
-                    [self._socket, self._ending], [], [], max(0.0, due_s - time.monotonic())
-                )
-                if self._ending in ready:
+        while True:
+            ready, _, _ = select.select([wire, ending], [], [], max(0.0, due_s - time.monotonic()))
+            if ending in ready:
+                return
+            if wire in ready:
+                received = wire.recv(4096)
+                if not received:
                     return
-                if self._socket in ready:
-                    received = self._socket.recv(4096)
-                    if not received:
-                        return
-                    self._send(self.meter.answer(received))
-                if time.monotonic() >= due_s:
-                    due_s += self.meter.every_s
-                    self._send(self.meter.unasked())
+                self._send(wire, self.meter.answer(received))
+            if time.monotonic() >= due_s:
+                due_s += self.meter.every_s
+                self._send(wire, self.meter.unasked())
 
-    def _send(self, record: bytes) -> None:
+    def _send(self, wire: socket.socket, record: bytes) -> None:
         if record and not self.mute:
             self.records += 1
-            self._socket.sendall(_garbled(record, self._random) if self.garbled else record)
+            wire.sendall(_garbled(record, self._random) if self.garbled else record)
 
 
 def _garbled(record: bytes, chance: random.Random) -> bytes:

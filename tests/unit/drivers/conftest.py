@@ -8,6 +8,7 @@ import tty
 
 import pytest
 
+from fieldkit.model.clock import HostClock
 from tests.harness.usb_bus import Bus
 
 
@@ -19,7 +20,7 @@ class Wire:
 
     def __init__(self, path):
         self.path = str(path)
-        self.roles, self.threads = [], []
+        self.roles, self.threads, self.devices = [], [], []
         self.plug()
 
     def plug(self):
@@ -34,6 +35,11 @@ class Wire:
         self.cut()
         for thread in self.threads:
             thread.join(2)
+
+    def open(self, driver, settings):
+        """The instrument as `driver` opens it, closed with the wire."""
+        self.devices.append(driver.open(settings, HostClock()))
+        return self.devices[-1]
 
     def say(self, data):
         os.write(self.far, data)
@@ -87,6 +93,8 @@ class Wire:
 def wire(tmp_path):
     wire = Wire(tmp_path / "instrument")
     yield wire
+    for device in wire.devices:
+        device.close()
     wire.cut()
     for thread in wire.threads:
         thread.join(2)

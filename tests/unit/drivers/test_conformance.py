@@ -15,6 +15,7 @@ from fieldkit.drivers.meters.modbus import Modbus
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
+from tests.harness.conformance import conforms
 from tests.harness.plugins import install
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -34,15 +35,12 @@ def test_every_driver_of_ours_conforms(name):
 
 def test_meter_that_talks_conforms_on_its_port(wire):
     wire.talk(LUX)
-    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path), wire))
-    assert set(levels(outcomes)) == {"ok"}, outcomes
+    conforms(Lutron(), DeviceSettings("t", "lutron", port=wire.path), wire)
 
 
 def test_meter_that_answers_conforms_on_its_port(wire):
     wire.reply({b"K": b"309\r", b"A": TEMPERATURES})
-    settings = DeviceSettings("t", "center-309", port=wire.path, every_s=0.05)
-    outcomes = list(check_driver(Center309(), HostClock(), settings, wire))
-    assert set(levels(outcomes)) == {"ok"}, outcomes
+    conforms(Center309(), DeviceSettings("t", "center-309", port=wire.path, every_s=0.05), wire)
 
 
 def test_an_instrument_that_does_not_open_is_reported_with_what_to_do(wire):
@@ -67,11 +65,7 @@ def test_sample_plug_in_is_short_and_conforms(sample_package, wire):
     lines = sum(len(path.read_text().splitlines()) for path in SAMPLE.glob("*.*"))
     assert lines <= 60
     wire.talk(b"LUX 98760\r\n")
-    driver = registry.get("sample-lux")
-    outcomes = list(
-        check_driver(driver, HostClock(), DeviceSettings("t", "sample-lux", port=wire.path), wire)
-    )
-    assert set(levels(outcomes)) == {"ok"}, outcomes
+    conforms(registry.get("sample-lux"), DeviceSettings("t", "sample-lux", port=wire.path), wire)
 
 
 class Vanishing(Lutron):

@@ -35,6 +35,7 @@ GROUPS = {
     "video": 44, "plugdev": 46, "input": 101, "kvm": 102, "render": 103, "sgx": 104,
     "observer": 1000, "stranger": 1001,
 }  # fmt: skip
+EMPTY = ("proc", "sys", "dev", "run", "tmp", "root", "home")
 OBSERVER_IN = ("dialout", "video", "plugdev")
 
 
@@ -78,51 +79,36 @@ def _build(image: Path, distribution: str) -> None:
         _python(root, distribution)
         _shared_libraries(root)
         half = Path(folder, "half.squashfs")
-        command = [
-            "mksquashfs",
-            root,
-            half,
-            "-all-root",
-            "-comp",
-            "zstd",
-            "-Xcompression-level",
-            "3",
-            "-quiet",
-            "-no-progress",
-        ]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        options = ["-all-root", "-comp", "zstd", "-Xcompression-level", "3", "-quiet", "-no-progress"]
+        subprocess.run(["mksquashfs", root, half, *options], check=True, stdout=subprocess.DEVNULL)
         half.rename(image)
 
 
 def _skeleton(root: Path) -> None:
     for folder in (
-        "usr/bin",
-        "usr/sbin",
-        "usr/lib64",
+        *[
+            "usr/bin",
+            "usr/sbin",
+            "usr/lib64",
+            "etc/udev/rules.d",
+            "proc",
+            "sys",
+            "dev",
+            "run",
+            "tmp",
+            "root",
+            "home",
+        ],
         LIBRARIES,
-        "etc/udev/rules.d",
-        "proc",
-        "sys",
-        "dev",
-        "run",
-        "tmp",
-        "root",
-        "home",
     ):
         (root / folder).mkdir(parents=True)
     for name in ("bin", "sbin", "lib", "lib64"):
         (root / name).symlink_to(f"usr/{name}")
-    (root / "etc/passwd").write_text(
-        "".join(
-            f"{name}:x:{uid}:{uid}::/{'root' if uid == 0 else f'home/{name}'}:/bin/sh\n"
-            for name, uid in ACCOUNTS.items()
-        )
-    )
-    (root / "etc/group").write_text(
-        "".join(
-            f"{name}:x:{gid}:{'observer' if name in OBSERVER_IN else ''}\n" for name, gid in GROUPS.items()
-        )
-    )
+    homes = {name: "root" if uid == 0 else f"home/{name}" for name, uid in ACCOUNTS.items()}
+    accounts = [f"{name}:x:{uid}:{uid}::/{homes[name]}:/bin/sh\n" for name, uid in ACCOUNTS.items()]
+    groups = [f"{name}:x:{gid}:{'observer' * (name in OBSERVER_IN)}\n" for name, gid in GROUPS.items()]
+    (root / "etc/passwd").write_text("".join(accounts))
+    (root / "etc/group").write_text("".join(groups))
     (root / "etc/nsswitch.conf").write_text("passwd: files\ngroup: files\n")
     (root / "etc/ld.so.conf").write_text(f"/{LIBRARIES}\n")
 

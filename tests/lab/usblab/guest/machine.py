@@ -188,8 +188,6 @@ class Guest:
             command += ["-device", f"usb-redir,chardev=cam{number},id=u-cam{number},bus=xhci.0"]
         for number, serial_number in enumerate(SERIAL_NUMBERS):
             command += ["-chardev", chardev(f"ser{number}")]
-            command += [
-                "-device",
-                f"usb-serial,chardev=ser{number},id=u-ser{number},serial={serial_number},bus=xhci.0",
-            ]
+            adapter = f"usb-serial,chardev=ser{number},id=u-ser{number},serial={serial_number},bus=xhci.0"
+            command += ["-device", adapter]
         return command

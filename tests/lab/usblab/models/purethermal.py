@@ -126,11 +126,8 @@ class PureThermal(UvcCamera):
         if self._held is None or self.ffc_state != FFC_RUNNING:  # the picture stands still behind the shutter
             self._held = self._counts(self.kelvin(time_s))
         if self.format != Y16_FORMAT:
-            return (
-                luma(self._held.astype(np.float64))
-                .tobytes()
-                .ljust(self.frame_bytes, b"\0")[: self.frame_bytes]
-            )
+            shown = luma(self._held.astype(np.float64)).tobytes()
+            return shown.ljust(self.frame_bytes, b"\0")[: self.frame_bytes]
         rows = [self._held] if self.size == (160, 120) else [self._held, self._telemetry(self._held)]
         return np.vstack(rows).tobytes()
 

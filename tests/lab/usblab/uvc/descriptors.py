@@ -154,35 +154,14 @@ def _extension_unit(extension: ExtensionUnit, source: int) -> bytes:
 def _streaming_interface(shape: CameraShape) -> bytes:
     formats = b"".join(_format(number, shape) for number in range(1, len(shape.formats) + 1))
     count = len(shape.formats)
-    head = struct.pack(
-        "<BBBBHBBBBBBB",
-        13 + count,
-        0x24,
-        1,
-        count,
-        13 + count + len(formats),
-        shape.endpoint.address,
-        0,
-        OUTPUT_TERMINAL,
-        0,
-        0,
-        0,
-        1,
-    )
-    classes = head + bytes(count) + formats
-    pipe = shape.endpoint
+    pipe, size = shape.endpoint, 13 + count
+    head = struct.pack("<BBBBHB", size, 0x24, 1, count, size + len(formats), pipe.address)
+    classes = head + bytes((0, OUTPUT_TERMINAL, 0, 0, 0, 1)) + bytes(count) + formats
+    idle = _interface(STREAMING_INTERFACE, 0, int(not pipe.isochronous), 2) + classes
     if not pipe.isochronous:
-        return (
-            _interface(STREAMING_INTERFACE, 0, 1, 2)
-            + classes
-            + _endpoint(pipe.address, 2, pipe.max_packet, 0)
-        )
-    idle = _interface(STREAMING_INTERFACE, 0, 0, 2) + classes
-    return (
-        idle
-        + _interface(STREAMING_INTERFACE, 1, 1, 2)
-        + _endpoint(pipe.address, 5, pipe.max_packet, pipe.interval)
-    )
+        return idle + _endpoint(pipe.address, 2, pipe.max_packet, 0)
+    streaming = _endpoint(pipe.address, 5, pipe.max_packet, pipe.interval)
+    return idle + _interface(STREAMING_INTERFACE, 1, 1, 2) + streaming
 
 
 def _format(number: int, shape: CameraShape) -> bytes:

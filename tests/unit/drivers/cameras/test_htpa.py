@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras.htpa import AMBIENT, FIRST, Htpa, decode
-from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Quality
+from tests.harness.conformance import conforms
 from tests.harness.next_steps import at
 
 ANSWER = (
@@ -82,9 +82,8 @@ def opened(board):
 def test_a_board_is_bound_read_and_released_and_a_lost_packet_is_counted():
     one, two, three = frame(2950), frame(2960), frame(2970)
     whole = [part for one in (one, two, three) for part in (one[:FIRST], one[FIRST:])]
-    board = Board(
-        [whole[place] for place in (0, 1, 2, 4, 5, 1, 2, 3)]
-    )  # second half of two, first of one lost
+    # second half of two, first of one lost
+    board = Board([whole[place] for place in (0, 1, 2, 4, 5, 1, 2, 3)])
     device = opened(board)
     info = device.info
     assert (info.unit, info.shape, info.scale, info.serial_number) == ("K", (32, 32), 0.1, "0000012345")
@@ -103,12 +102,9 @@ def test_a_board_is_bound_read_and_released_and_a_lost_packet_is_counted():
 
 
 def test_a_board_conforms_in_the_network():
-    parts = [
-        part for number in range(20) for part in (frame(2950 + number)[:FIRST], frame(2950 + number)[FIRST:])
-    ]
-    board = Board(parts, computers=2)
-    outcomes = list(check_driver(Htpa(), HostClock(), DeviceSettings("t", "htpa", port=board.port)))
-    assert {one.level for one in outcomes if one.what != "cable"} == {"ok"}, outcomes
+    whole = [frame(2950 + number) for number in range(20)]
+    board = Board([part for one in whole for part in (one[:FIRST], one[FIRST:])], computers=2)
+    conforms(Htpa(), DeviceSettings("t", "htpa", port=board.port))
     board.thread.join(5)
 
 

@@ -69,19 +69,18 @@ def test_lepton_2_has_three_telemetry_rows_of_eighty_words():
     assert told.scale == 0.01
 
 
-def test_tenth_of_a_kelvin_is_read_from_the_telemetry():
-    assert decode(frame(np.full((120, 160), 2952), w209=0)).scale == 0.1
-
-
-def test_without_tlinear_there_is_no_temperature():
-    told = decode(frame(np.full((120, 160), 8192), w208=0))
-    assert np.isnan(told.scale)
-    assert told.quality == Quality.NO_VALUE
-
-
-def test_scale_that_gives_no_scene_of_this_earth_is_doubted():
-    # A 0.1 K stream read as 0.01 K gives about -243 °C.
-    assert decode(frame(np.full((120, 160), 2952), w209=1)).quality == Quality.NO_VALUE
+@pytest.mark.parametrize(
+    ("count", "words", "scale", "quality"),
+    [
+        (2952, {"w209": 0}, 0.1, Quality.GOOD),
+        (8192, {"w208": 0}, np.nan, Quality.NO_VALUE),  # without TLinear
+        (2952, {"w209": 1}, 0.01, Quality.NO_VALUE),  # a 0.1 K stream read as 0.01 K gives about -243 °C
+    ],
+)
+def test_scale_is_read_from_the_telemetry_and_one_that_cannot_be_is_doubted(count, words, scale, quality):
+    decoded = decode(frame(np.full((120, 160), count), **words))
+    assert decoded.scale == pytest.approx(scale, nan_ok=True)
+    assert decoded.quality == quality
 
 
 @pytest.mark.parametrize(
@@ -127,15 +126,10 @@ def test_stream_is_declared_by_the_first_frame(reel):
     camera = opened(reel(frame(), frame(w20=30), controls=controls))
     assert isinstance(camera, Camera)
     info = camera.info
-    assert (info.quantity, info.unit, info.shape, info.scale) == (
-        "brightness_temperature",
-        "K",
-        (120, 160),
-        0.01,
-    )
-    assert (info.model, info.serial_number, info.metadata_shape) == ("500-0771-01", "123456", (2, 160))
-    assert info.settings["backend"] == "reel"
-    assert info.settings["gain"] == "high"
+    assert (info.quantity, info.unit, info.scale) == ("brightness_temperature", "K", 0.01)
+    assert (info.shape, info.metadata_shape) == ((120, 160), (2, 160))
+    assert (info.model, info.serial_number) == ("500-0771-01", "123456")
+    assert (info.settings["backend"], info.settings["gain"]) == ("reel", "high")
     decoded = camera.read(1.0)
     assert decoded.device_seq == 30
     assert decoded.mono_ns == 10**9 + 111_111_111

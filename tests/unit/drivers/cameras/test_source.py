@@ -20,12 +20,8 @@ def plug(sysfs, number, socket, vendor, product, serial="", index=0):
     node = usb / f"{socket}:1.0/video4linux/video{number}"
     node.mkdir(parents=True)
     (node / "index").write_text(f"{index}\n")
-    for name, text in (
-        ("idVendor", vendor),
-        ("idProduct", product),
-        ("serial", serial),
-        ("product", "Camera"),
-    ):
+    facts = {"idVendor": vendor, "idProduct": product, "serial": serial, "product": "Camera"}
+    for name, text in facts.items():
         if text:
             (usb / name).write_text(f"{text}\n")
     shelf = sysfs / "class/video4linux"
@@ -52,11 +48,8 @@ def test_computer_without_cameras_has_none(tmp_path):
     [
         ([UsbIdentity(0x1E4E, 0x0100, "A", "1-1")], ["1e4e:0100:A"]),
         ([UsbIdentity(0x0BDA, 0x5830, "", "1-1")], ["0bda:5830"]),
-        ([UsbIdentity(0x0BDA, 0x5830, "", "1-1"), UsbIdentity(0x0BDA, 0x5830, "", "1-2")], ["1-1", "1-2"]),
-        (
-            [UsbIdentity(0x10C4, 0xEA60, "0001", "1-1"), UsbIdentity(0x10C4, 0xEA60, "0001", "1-2")],
-            ["1-1", "1-2"],
-        ),
+        ([UsbIdentity(0x0BDA, 0x5830, "", socket) for socket in ("1-1", "1-2")], ["1-1", "1-2"]),
+        ([UsbIdentity(0x10C4, 0xEA60, "0001", socket) for socket in ("1-1", "1-2")], ["1-1", "1-2"]),
     ],
 )
 def test_identity_is_as_long_as_it_must_be_and_finds_its_own(present, text):

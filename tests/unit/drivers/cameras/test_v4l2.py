@@ -19,7 +19,7 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at, steps
 from tests.harness.rights import ordinary_rights
 
 SLOT = 65536
@@ -161,29 +161,20 @@ def test_a_frame_that_is_lost_holds_the_next_ones_up_for_a_moment_only(kernel, s
     assert [source.read(1.0).sequence for _ in range(3)] == [0, 2, 3]
 
 
-def test_a_frame_that_comes_far_too_late_is_an_error_and_none_after_it_is(kernel, source):
+@pytest.mark.parametrize(
+    ("arrivals", "errors"),
+    [
+        (((0, 5), (2, 3), (1, 4), (3, 2)), [False, False, True, False]),  # one comes far too late
+        (((70, 5), (71, 4), (0, 3), (1, 2)), [False] * 4),  # numbers begin anew
+    ],
+)
+def test_a_late_frame_is_an_error_and_numbers_may_begin_anew(kernel, source, arrivals, errors):
     monotonic_s = HostClock().mono_ns() // 1_000_000_000
-    for number, ago_s in ((0, 5), (2, 3), (1, 4), (3, 2)):
+    for number, ago_s in arrivals:
         kernel.deliver(b"frame", number, at=(monotonic_s - ago_s, 0))
-    found = [source.read(1.0) for _ in range(4)]
-    assert [(frame.sequence, frame.error) for frame in found] == [
-        (0, False),
-        (2, False),
-        (1, True),
-        (3, False),
-    ]
-
-
-def test_numbers_that_begin_anew_are_taken_as_they_come(kernel, source):
-    for number, ago_s in ((70, 5), (71, 4), (0, 3), (1, 2)):
-        kernel.deliver(b"frame", number, at=(HostClock().mono_ns() // 1_000_000_000 - ago_s, 0))
-    found = [source.read(1.0) for _ in range(4)]
-    assert [(frame.sequence, frame.error) for frame in found] == [
-        (70, False),
-        (71, False),
-        (0, False),
-        (1, False),
-    ]
+    frames = [source.read(1.0) for _ in arrivals]
+    assert [frame.sequence for frame in frames] == [number for number, _ in arrivals]
+    assert [frame.error for frame in frames] == errors
 
 
 def test_what_arrived_before_the_camera_was_unplugged_is_not_lost_with_it(kernel, source):
@@ -221,16 +212,11 @@ def test_metadata_node_is_refused(kernel):
 
 
 @pytest.mark.parametrize(
-    ("code", "error", "text"),
-    [
-        (errno.EBUSY, DeviceAccessError, "used by another program"),
-        (errno.ENOSPC, DeviceAccessError, "no USB bandwidth"),
-        (errno.EIO, DeviceAccessError, "does not start"),
-    ],
+    ("code", "word"), [(errno.EBUSY, "fuser"), (errno.ENOSPC, "USB"), (errno.EIO, "unplug")]
 )
-def test_refused_start_is_explained(kernel, code, error, text):
+def test_refused_start_is_explained(kernel, code, word):
     kernel.refuse[v4l2.STREAMON] = code
-    with pytest.raises(error, match=text):
+    with pytest.raises(DeviceAccessError, match=word, check=at(kernel.path)):
         opened(kernel)
 
 
@@ -316,13 +302,8 @@ def test_structures_are_those_of_this_kernels_headers(tmp_path):
         # sizes of a HIKMICRO JS-MINI256-9 as its owner lists them; of a Topdon TC001 Plus:
         # leswright1977/PyThermalCamera, issue 24
         (Tc002c, (0x2BDF, 0x0102), [(256, 192), (256, 392), (256, 196)], "it has 256x192.*HIKMICRO module"),
-        (
-            P2Pro,
-            (0x0BDA, 0x5830),
-            [(640, 480)],
-            "it has 640x480: a webcam .*or a thermal camera that sends its image",
-        ),
-        (Ht301, (0x04B4, 0x0100), [(256, 196)], "T2S\\+ of the second version sends uncorrected data"),
+        (P2Pro, (0x0BDA, 0x5830), [(640, 480)], "it has 640x480: a webcam "),
+        (Ht301, (0x04B4, 0x0100), [(256, 196)], "T2S\\+ of the second version"),
     ],
 )
 def test_a_camera_that_shares_an_identity_and_gives_no_temperatures_is_refused_by_name(

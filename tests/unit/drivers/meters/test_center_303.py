@@ -50,46 +50,42 @@ def test_sub_of_a_model_with_one_probe_is_a_timer(wire, model):
     # Voltcraft's sheet for these two: 23.5 °C, and 1:42 on the timer, in minutes
     record = bytes.fromhex("02 80 10 02 35 01 42 03")
     wire.reply({b"K": model.encode() + b"\r", b"A": record})
-    device = Center303().open(settings(wire), HostClock())
+    device = wire.open(Center303(), settings(wire))
     assert device.info.channels == ("T1",)
     assert device.read(1.0).values == (pytest.approx(23.5 + 273.15),)
-    device.close()
     (value,) = Center303().decode(record, {"model": int(model)}).values
     assert (value.channel, value.value, value.states) == ("T1", 23.5, ())
 
 
 def test_difference_on_the_display_is_not_recorded(wire):
     wire.reply({b"K": b"303\r", b"A": bytes([2, 0x80, 0x00]) + RECORD[3:]})
-    device = Center303().open(settings(wire), HostClock())
+    device = wire.open(Center303(), settings(wire))
     first, second = device.read(1.0).values
     assert first == pytest.approx(19.8 + 273.15)
     assert math.isnan(second)
-    device.close()
 
 
 def test_relative_display_has_no_temperature(wire):
     """0.7 degrees against a temperature that the display does not name."""
     wire.reply({b"K": b"303\r", b"A": bytes.fromhex("02 90 80 00 07 01 98 03")})
-    device = Center303().open(settings(wire), HostClock())
+    device = wire.open(Center303(), settings(wire))
     reading = device.read(1.0)
     assert all(map(math.isnan, reading.values))
     assert reading.quality == Quality.NO_VALUE
     assert reading.raw == bytes.fromhex("02 90 80 00 07 01 98 03")
     assert device.states == ("relative",)
     assert not is_usable(reading.quality)
-    device.close()
 
 
 @pytest.mark.parametrize(("state", "states"), [(0x20, ("hold",)), (0x01, ("max_min",)), (0x04, ("max_min",))])
 def test_held_and_extreme_displays_are_not_the_temperature_of_now(wire, state, states):
     wire.reply({b"K": b"303\r", b"A": bytes([2, 0x80 | state]) + RECORD[2:]})
-    device = Center303().open(settings(wire), HostClock())
+    device = wire.open(Center303(), settings(wire))
     reading = device.read(1.0)
     assert reading.values == pytest.approx((296.65, 292.95))  # as the display shows it
     assert reading.quality == Quality.STALE
     assert device.states == states
     assert not is_usable(reading.quality)
-    device.close()
 
 
 def test_four_channel_sibling_is_named(wire):

@@ -21,9 +21,7 @@ def settings(wire, **given):
 @pytest.fixture
 def device(wire):
     wire.reply({b"K": b"309\r", b"A": RECORD})
-    device = Center309().open(settings(wire, options={"labels": ["reference", "b05", "b15"]}), HostClock())
-    yield device
-    device.close()
+    return wire.open(Center309(), settings(wire, options={"labels": ["reference", "b05", "b15"]}))
 
 
 def test_model_and_channels_are_declared(device):
@@ -77,19 +75,17 @@ def test_late_wakings_do_not_add_up_and_missed_turns_are_not_made_up_for(wire):
 
 def test_turn_that_is_not_due_is_none(wire):
     wire.reply({b"K": b"309\r", b"A": RECORD})
-    device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=60), HostClock())
+    device = wire.open(Center309(), DeviceSettings("t", "center-309", port=wire.path, every_s=60))
     assert device.read(1.0) is not None
     assert device.read(0.01) is None
-    device.close()
 
 
 def test_open_probe_leaves_the_others_good(wire):
     wire.reply({b"K": b"309\r", b"A": RECORD})
-    device = Center309().open(settings(wire), HostClock())
+    device = wire.open(Center309(), settings(wire))
     reading = device.read(1.0)
     assert math.isnan(reading.values[3])
     assert reading.quality == Quality.GOOD
-    device.close()
 
 
 def test_lowest_number_is_no_temperature():
@@ -101,21 +97,19 @@ def test_lowest_number_is_no_temperature():
 
 def test_held_display_is_stale(wire):
     wire.reply({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
-    device = Center309().open(settings(wire), HostClock())
+    device = wire.open(Center309(), settings(wire))
     assert device.read(1.0).quality == Quality.STALE
-    device.close()
 
 
 @pytest.mark.parametrize(("state", "word"), [(0x10, "relative"), (0x02, "maximum"), (0x04, "minimum")])
 def test_what_the_display_shows_does_not_change_the_temperatures_of_now(wire, state, word):
     """The record has those of REL, MIN and MAX apart, at offsets 15-38."""
     wire.reply({b"K": b"309\r", b"A": RECORD[:1] + bytes([0x80 | state]) + RECORD[2:]})
-    device = Center309().open(settings(wire), HostClock())
+    device = wire.open(Center309(), settings(wire))
     reading = device.read(1.0)
     assert reading.values[0] == pytest.approx(25.3 + 273.15)
     assert reading.quality == Quality.GOOD
     assert word in device.states
-    device.close()
 
 
 def test_sibling_of_another_record_is_named(wire):

@@ -13,21 +13,12 @@ from fieldkit.model.samples import NO_COUNTER, Quality
 from tests.harness.next_steps import at
 
 
-def line(**report):
-    return json.dumps(report).encode() + b"\n"
+def line(kind, **report):
+    return json.dumps({"class": kind, **report}).encode() + b"\n"
 
 
-TPV = line(
-    **{
-        "class": "TPV",
-        "mode": 3,
-        "time": "2026-11-21T02:15:30.000Z",
-        "lat": 35.689447,
-        "lon": 139.75502,
-        "alt": 38.4,
-    }
-)
-PPS = line(**{"class": "PPS", "real_sec": 100, "real_nsec": 0, "clock_sec": 100, "clock_nsec": 250_000_000})
+TPV = line("TPV", mode=3, time="2026-11-21T02:15:30.000Z", lat=35.689447, lon=139.75502, alt=38.4)
+PPS = line("PPS", real_sec=100, real_nsec=0, clock_sec=100, clock_nsec=250_000_000)
 
 
 @pytest.fixture
@@ -39,7 +30,7 @@ def daemon():
         connection, _ = server.accept()
         with connection:
             assert connection.recv(256) == WATCH
-            connection.sendall(line(**{"class": "VERSION", "release": "3.25"}) + TPV + PPS)
+            connection.sendall(line("VERSION", release="3.25") + TPV + PPS)
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -75,15 +66,8 @@ def test_a_report_with_every_field_has_room_in_the_recording(daemon):
         "dgpsSta baseS clockbias clockdrift jam temp"
     )
     device = "/dev/serial/by-id/usb-u-blox_AG_-_www.u-blox.com_u-blox_GNSS_receiver-if00"
-    fields = {
-        "class": "TPV",
-        "device": device,
-        "mode": 3,
-        "time": "2026-11-21T02:15:30.000Z",
-        "lat": -35.689447123,
-        "lon": -179.755020123,
-        **dict.fromkeys(names.split(), -3961234.1234),
-    }
+    fields = {"class": "TPV", "device": device, "mode": 3, "time": "2026-11-21T02:15:30.000Z"}
+    fields |= {"lat": -35.689447123, "lon": -179.755020123, **dict.fromkeys(names.split(), -3961234.1234)}
     reading = json.dumps(fields, separators=(",", ":")).encode()
     meter = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon), HostClock())
     assert 1024 < len(reading) <= meter.info.raw_bytes
@@ -96,7 +80,7 @@ def test_no_gpsd_says_how_to_start_it():
 
 
 def test_position_without_a_fix_is_no_value():
-    record = parse(line(**{"class": "TPV", "mode": 1, "lat": 1.0}))
+    record = parse(line("TPV", mode=1, lat=1.0))
     assert {value.quality for value in record.values} == {Quality.NO_VALUE}
 
 
@@ -104,7 +88,7 @@ def test_position_without_a_fix_is_no_value():
     "time", ["2016-12-31T23:59:60.000Z", "9999-12-31T23:59:59Z", "2026-11-21T02:15:30", 1479695730.0, None]
 )
 def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
-    record = parse(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
+    record = parse(line("TPV", mode=2, time=time, lat=46.5, lon=7.5))
     assert (record.values[0].value, record.device_time) == (46.5, NO_COUNTER)
 
 
@@ -129,9 +113,7 @@ def test_what_is_no_report_is_rejected(text, reason):
 @pytest.mark.parametrize(("status", "is_fix"), [(1, True), (2, True), (5, False), (8, False)])
 def test_a_position_that_is_reckoned_or_simulated_is_no_value(status, is_fix):
     """gpsd_json(5): status 1 normal, 2 DGPS, 5 DR, 8 simulated."""
-    record = parse(
-        line(**{"class": "TPV", "mode": 3, "status": status, "lat": 46.5, "lon": 7.5, "altMSL": 600})
-    )
+    record = parse(line("TPV", mode=3, status=status, lat=46.5, lon=7.5, altMSL=600))
     assert [value.quality == Quality.GOOD for value in record.values] == [is_fix] * 3
 
 

@@ -56,13 +56,8 @@ def test_t10_is_put_into_pc_mode_and_polled(wire):
 
 def test_cl200_is_triggered_before_it_is_asked(wire):
     colour = signed(b"00020 50+98765+03124+03294\x03")
-    wire.reply(
-        {
-            pack_request(0, "54", "1"): PC_MODE,
-            pack_request(0, "40", "10"): PC_MODE,
-            pack_request(0, "02", "1200"): colour,
-        }
-    )
+    triggered = {pack_request(0, code, text): PC_MODE for code, text in (("54", "1"), ("40", "10"))}
+    wire.reply({**triggered, pack_request(0, "02", "1200"): colour})
     device = KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
     assert device.read(1.0).values == (98760.0,)
     device.close()

@@ -4,6 +4,7 @@ import pytest
 
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.modbus import (
+    FOLDER,
     Channel,
     Modbus,
     RegisterMap,
@@ -29,6 +30,11 @@ def settings(wire, **options):
     return DeviceSettings("sun", "modbus", port=wire.path, every_s=0.02, options=options)
 
 
+def sealed(hexadecimal):
+    body = bytes.fromhex(hexadecimal)
+    return body + crc16(body).to_bytes(2, "little")
+
+
 def test_requests_are_those_of_the_manuals():
     assert pack_request(1, 4, 2, 8) == bytes.fromhex("01 04 00 02 00 08 50 0C")
     assert pack_request(1, 3, 0, 1) == bytes.fromhex("01 03 00 00 00 01 84 0A")
@@ -42,19 +48,16 @@ def test_printed_reply_with_a_wrong_crc_is_rejected():
 
 
 def test_refusal_of_the_instrument_is_said_in_words():
-    body = bytes.fromhex("01 84 02")
-    refused = parse(body + crc16(body).to_bytes(2, "little"))
-    assert "illegal address" in refused.reason
+    assert "illegal address" in parse(sealed("01 84 02")).reason
 
 
 def test_pyranometer_is_polled_by_its_map(wire):
     wire.reply({pack_request(1, 4, 2, 8): SMP})
-    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
     assert (device.info.quantity, device.info.unit) == ("irradiance", "W m-2")
     assert device.info.settings["line"] == "19200 8E1"
     assert device.info.channels == ("irradiance", "irradiance uncompensated")
     assert device.read(1.0).values == (997.0, 997.0)
-    device.close()
 
 
 @pytest.mark.parametrize(
@@ -63,20 +66,17 @@ def test_pyranometer_is_polled_by_its_map(wire):
 @pytest.mark.parametrize("echo", [b"", pack_request(1, 4, 0, 1)])
 def test_type_register_tells_a_pyrheliometer_from_a_pyranometer(wire, type_number, component, echo):
     """Types by the manuals of the SMP and the SHP1; what no manual names is not guessed."""
-    body = bytes.fromhex("01 04 02") + type_number.to_bytes(2, "big")
-    typed = echo + body + crc16(body).to_bytes(2, "little")
+    typed = echo + sealed(f"01 04 02 {type_number:04x}")
     wire.reply({pack_request(1, 4, 2, 8): SMP, pack_request(1, 4, 0, 1): typed})
-    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
     assert device.info.measures == ((component, component) if component else ())
-    device.close()
 
 
 def test_instrument_that_does_not_answer_for_its_type_is_not_guessed(wire):
     wire.reply({pack_request(1, 4, 2, 8): SMP})
-    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
     assert device.info.measures == ()
     assert device.read(1.0).values == (997.0, 997.0)
-    device.close()
 
 
 @pytest.mark.parametrize(("name", "component"), [("apogee", "ghi"), ("renke", "ghi")])
@@ -93,17 +93,10 @@ def test_maps_of_pyranometers_say_so(name, component):
     ],
 )
 def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, given, complaint):
-    from fieldkit.drivers.meters.modbus import FOLDER
-
     mine = tmp_path / "mine.toml"
     mine.write_text(f"{given}\n{(FOLDER / 'renke.toml').read_text().replace('measures =', '# measures =')}")
     with pytest.raises(ConfigError, match=complaint):
         load_map(str(mine))
-
-
-def sealed(hexadecimal):
-    body = bytes.fromhex(hexadecimal)
-    return body + crc16(body).to_bytes(2, "little")
 
 
 @pytest.mark.parametrize("head", ["02 04", "01 03"], ids=["unit 2", "function 3"])
@@ -111,11 +104,10 @@ def test_reply_of_another_instrument_or_function_on_the_line_is_not_ours(wire, h
     """Modbus over Serial Line 1.02, 2.4.1: a reply of an unexpected slave does not end the waiting."""
     other = sealed(f"{head} 10 00 01 00 00 00 00 00 64 00 64 00 00 00 F8 00 EA")
     wire.reply({pack_request(1, 4, 2, 8): other + SMP})
-    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
     assert device.read(1.0).values == (997.0, 997.0)
     assert device.rejected == 2
     assert "unit 1, function 4" in device.rejected_because
-    device.close()
 
 
 @pytest.mark.parametrize("scale", ["7F FF", "00 0A", "80 00"])
@@ -129,12 +121,8 @@ def test_a_scale_register_without_a_scale_leaves_no_value(scale):
 @pytest.mark.parametrize(
     ("kind", "no_value", "registers", "is_open"),
     [
-        (
-            "s16",
-            0xD8F1,
-            [0xD8F1],
-            True,
-        ),  # -9999, as the instrument's paper may write it, or as a program shows it
+        # -9999, as the instrument's paper may write it, or as a program shows it
+        ("s16", 0xD8F1, [0xD8F1], True),
         ("s16", -9999, [0xD8F1], True),
         ("f32", -9999, [0xC61C, 0x3C00], True),  # IEEE 754: C61C3C00
         ("s32", 0x7FFFFFFF, [0x7FFF, 0xFFFF], True),
@@ -172,65 +160,46 @@ def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
         ("repeat = 8", "repeat = true", r"channel.0.repeat: "),
         ("[[channel]]", "[status]\nregister = 1.5\n[[channel]]", r"status.register: "),
         ("[[channel]]", "[status]\nbits = [{bit = -1, word = 'x'}]\n[[channel]]", r"status.bits.0.bit: "),
+        ("register = 0", "register = 8", "register 8 is not among 0 to 7"),
+        ('type = "s16"', 'type = "s17"', r"channel.0.type: "),
+        ("function = 3", "function = 6", "function: "),
+        ("count = 8", "", "count: "),
+        ("count = 8", "cuont = 8", "cuont: |count: "),
+        ('unit = "°C"\nline', 'unit = "W/m²"\nline', "no channel has the unit"),
+        ("scale = 0.1", "sclae = 0.1", "sclae"),
+        ("scale = 0.1", "scale = 0", "scale 0 leaves nothing"),
+        ("scale = 0.1", "scale =", "Invalid value"),
     ],
 )
 def test_values_that_no_map_can_have_are_named_when_it_is_read(tmp_path, old, new, said):
-    from fieldkit.drivers.meters.modbus import FOLDER
-
-    mine = tmp_path / "mine.toml"
-    mine.write_text((FOLDER / "rtd-8.toml").read_text().replace(old, new, 1))
-    with pytest.raises(ConfigError, match=said):
+    text, mine = (FOLDER / "rtd-8.toml").read_text(), tmp_path / "mine.toml"
+    assert old in text
+    mine.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=said) as caught:
         load_map(str(mine))
+    assert str(mine) in str(caught.value)
 
 
 def test_void_data_are_stale(wire):
     wire.reply({pack_request(1, 4, 2, 8): VOID})
-    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
     reading = device.read(1.0)
     assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
-    device.close()
 
 
 def test_adapter_that_echoes_the_question_is_understood(wire):
     request = pack_request(1, 3, 0, 8)
     wire.reply({request: request + RTD})
-    device = Modbus().open(settings(wire, map="rtd-8"), HostClock())
+    device = wire.open(Modbus(), settings(wire, map="rtd-8"))
     reading = device.read(1.0)
     assert reading.values[:4] == pytest.approx((298.15, 298.45, 267.95, 373.65))
     assert math.isnan(reading.values[7])
     assert device.rejected == 0
-    device.close()
 
 
 @pytest.mark.parametrize("name", packaged_maps())
 def test_packaged_maps_are_whole(name):
     assert load_map(name).channels
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        (("register = 0", "register = 8"), "register 8 is not among 0 to 7"),
-        (('type = "s16"', 'type = "s17"'), r"channel.0.type: "),
-        (("function = 3", "function = 6"), "function: "),
-        (("count = 8", ""), "count: "),
-        (("count = 8", "cuont = 8"), "cuont: |count: "),
-        (('unit = "°C"\nline', 'unit = "W/m²"\nline'), "no channel has the unit"),
-        (("scale = 0.1", "sclae = 0.1"), "sclae"),
-        (("scale = 0.1", "scale = 0"), "scale 0 leaves nothing"),
-        (("scale = 0.1", "scale ="), "Invalid value"),
-    ],
-)
-def test_half_read_map_says_what_is_wrong(tmp_path, change, complaint):
-    from fieldkit.drivers.meters.modbus import FOLDER
-
-    text = (FOLDER / "rtd-8.toml").read_text()
-    assert change[0] in text
-    broken = tmp_path / "mine.toml"
-    broken.write_text(text.replace(*change))
-    with pytest.raises(ConfigError, match=complaint) as caught:
-        load_map(str(broken))
-    assert str(broken) in str(caught.value)
 
 
 def test_missing_map_lists_those_there_are(wire):
@@ -243,7 +212,7 @@ def test_missing_map_lists_those_there_are(wire):
 
 @pytest.mark.parametrize(("low_first", "registers"), [(False, (0x4452, 0xECCD)), (True, (0xECCD, 0x4452))])
 def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
-    text = (load_map.__globals__["FOLDER"] / "apogee.toml").read_text()
+    text = (FOLDER / "apogee.toml").read_text()
     mine = tmp_path / "mine.toml"
     mine.write_text(text + f"words_low_first = {str(low_first).lower()}\n")
     (value,) = load_map(str(mine)).values(registers)
@@ -252,13 +221,12 @@ def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
 
 @pytest.mark.parametrize("number", ["7F 80 00 00", "FF 80 00 00", "7F C0 00 00"])
 def test_what_is_no_number_is_no_value(number):
-    frame = bytes.fromhex("01 03 04" + number)
-    (value,) = Modbus().decode(frame + crc16(frame).to_bytes(2, "little"), {"map": "apogee"}).values
+    (value,) = Modbus().decode(sealed("01 03 04" + number), {"map": "apogee"}).values
     assert math.isnan(value.value)
     assert value.flags == ["no_value", "not_a_number"]
 
 
-def test_short_answer_with_a_wrong_check_is_named():
+def test_short_answer_with_a_wrong_check_is_one_part():
     given = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
     assert [(part.length, part.offset) for part in given.rejected] == [(7, len(RTD))]
     assert (len(given.values), given.rest) == (8, 0)
@@ -272,8 +240,7 @@ def test_a_unit_that_no_instrument_can_have_is_refused_in_words(wire, unit):
 
 
 def test_bytes_from_a_unit_that_cannot_be_are_no_answer():
-    body = bytes.fromhex("F8 03 02 00 FA")
-    refused = parse(body + crc16(body).to_bytes(2, "little"))
+    refused = parse(sealed("F8 03 02 00 FA"))
     assert isinstance(refused, Rejected)
     assert refused.length == 1
 

@@ -4,7 +4,6 @@ import pytest
 
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.nmea import Nmea, parse
-from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import NO_COUNTER, Quality
 
@@ -21,14 +20,13 @@ def signed(body):
 
 def test_position_and_time_are_recorded(wire):
     wire.talk(b"3012,E,2*00\r\n" + GGA + RMC)
-    device = Nmea().open(DeviceSettings("gps", "nmea", port=wire.path), HostClock())
+    device = wire.open(Nmea(), DeviceSettings("gps", "nmea", port=wire.path))
     assert device.info.channels == ("latitude", "longitude", "altitude")
     readings = [device.read(1.0) for _ in range(4)]
     with_height = next(reading for reading in readings if not math.isnan(reading.values[2]))
     with_time = next(reading for reading in readings if reading.device_time != NO_COUNTER)
     assert with_height.values == pytest.approx((35.689447, 139.755020, 38.4), abs=1e-6)
     assert with_time.device_time == 1_795_227_330_000_000_000
-    device.close()
 
 
 def test_receiver_without_a_fix_gives_no_value():

@@ -4,7 +4,6 @@ import pytest
 
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, parse
-from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
 
@@ -78,6 +77,5 @@ def test_what_the_layout_forbids_is_rejected(wrong):
 
 def test_meter_is_polled(wire):
     wire.reply({ASK_LIVE: RECORD})
-    device = Pce174().open(DeviceSettings("lux", "pce-174", port=wire.path, every_s=0.02), HostClock())
+    device = wire.open(Pce174(), DeviceSettings("lux", "pce-174", port=wire.path, every_s=0.02))
     assert device.read(1.0).values == (98700.0,)
-    device.close()

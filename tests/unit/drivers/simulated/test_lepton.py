@@ -75,9 +75,8 @@ def test_frames_come_at_the_rate_of_the_sensor_each_different(camera):
     frames = [camera.read(1.0) for _ in range(30)]
     assert set(np.diff([frame.mono_ns for frame in frames])) == {PERIOD_NS}
     assert all(frame.quality == Quality.GOOD for frame in frames)
-    assert set(np.diff([frame.device_seq for frame in frames])) == {3}, (
-        "the sensor counts at three times the rate"
-    )
+    counted = set(np.diff([frame.device_seq for frame in frames]))
+    assert counted == {3}, "the sensor counts at three times the rate"
 
 
 def test_slow_reader_loses_frames_and_is_told(camera, clock):
@@ -158,9 +157,6 @@ def test_pulled_cable_is_a_lost_device_until_it_is_back():
         assert registry.open_device(settings, clock).read(1.0) is not None
 
 
-# --- controls
-
-
 # --- faults
 
 
@@ -185,23 +181,15 @@ def test_faulty_shutter_puts_the_level_wrong_until_it_runs_again():
     mask = scene.regions[0].mask((120, 160))
     with SimulatedClock(scene.start_ns) as clock:
         camera = camera_of(scene, clock)
-        levels = {"before": [], "during": [], "after": []}
-        shutter = 0
+        spans = {"before": (0, 20), "during": (21, 40), "after": (41, 60)}
+        levels, shutter = {name: [] for name in spans}, 0
         for frame in read_until(camera, clock, 60.0, scene):
             since_s = (frame.time_ns - scene.start_ns) / SECOND_NS - camera.info.latency_s
-            when = (
-                "before"
-                if since_s < 20
-                else "during"
-                if 21 < since_s < 40
-                else "after"
-                if since_s > 41
-                else ""
-            )
-            if when:
-                levels[when].append(frame.counts[mask].mean() / 100)
+            for name, (begin_s, end_s) in spans.items():
+                if begin_s < since_s < end_s:
+                    levels[name].append(frame.counts[mask].mean() / 100)
             shutter += Quality.SHUTTER in frame.quality
-    before, during, after = (np.mean(levels[when]) for when in ("before", "during", "after"))
+    before, during, after = map(np.mean, levels.values())
     assert during - before == pytest.approx(0.8, abs=0.3)
     assert after - before == pytest.approx(0.0, abs=0.3)
     assert shutter > 150, "two corrections of ten seconds and more"
