@@ -36,9 +36,9 @@ class Wire:
         for thread in self.threads:
             thread.join(2)
 
-    def open(self, driver, settings):
+    def open(self, driver, settings, clock=None):
         """The instrument as `driver` opens it, closed with the wire."""
-        self.devices.append(driver.open(settings, HostClock()))
+        self.devices.append(driver.open(settings, clock or HostClock()))
         return self.devices[-1]
 
     def say(self, data):

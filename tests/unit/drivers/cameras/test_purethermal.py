@@ -152,15 +152,18 @@ def test_other_resolution_than_declared_has_no_value(reel):
     assert camera.read(1.0).quality == Quality.NO_VALUE
 
 
-def test_repeated_counter_is_a_duplicate(reel):
-    camera = opened(reel(frame(), frame(w20=30, w1=60_100), frame(w20=30, w1=60_100)))
-    assert camera.read(1.0).quality == Quality.GOOD
-    assert camera.read(1.0).quality == Quality.DUPLICATE
+STILL = np.arange(120 * 160).reshape(120, 160) % 50 + ROOM
 
 
-def test_repeated_pixels_are_a_duplicate(reel):
-    still = np.arange(120 * 160).reshape(120, 160) % 50 + ROOM
-    camera = opened(reel(*(frame(still, w20=count, w1=60_000 + count) for count in (27, 30, 33))))
+@pytest.mark.parametrize(
+    "frames",
+    [
+        [frame(), frame(w20=30, w1=60_100), frame(w20=30, w1=60_100)],  # by the counter
+        [frame(STILL, w20=count, w1=60_000 + count) for count in (27, 30, 33)],  # by the pixels
+    ],
+)
+def test_repeated_frame_is_a_duplicate(reel, frames):
+    camera = opened(reel(*frames))
     assert camera.read(1.0).quality == Quality.GOOD
     assert camera.read(1.0).quality == Quality.DUPLICATE
 
@@ -173,11 +176,8 @@ def test_frame_that_stands_still_for_three_seconds_is_frozen(reel):
 
 
 def test_gap_in_the_kernels_numbers_is_a_loss(reel):
-    buffers = [
-        Buffer(frame(w20=count, w1=count), 10**9 + count, number)
-        for count, number in ((1, 4), (2, 5), (3, 8))
-    ]
-    camera = opened(reel(*buffers, Buffer(frame(w20=4, w1=4), 10**9 + 4, 9)))
+    numbers = enumerate((4, 5, 8, 9), 1)
+    camera = opened(reel(*(Buffer(frame(w20=n, w1=n), 10**9 + n, number) for n, number in numbers)))
     flags = [camera.read(1.0).quality for _ in range(3)]
     assert flags == [Quality.GOOD, Quality.DROPPED_BEFORE, Quality.GOOD]
 

@@ -16,6 +16,11 @@ def settings(wire):
     return DeviceSettings("t", "center-303", port=wire.path, every_s=0.02)
 
 
+def opened(wire, record, model=b"303"):
+    wire.reply({b"K": model + b"\r", b"A": record})
+    return wire.open(Center303(), settings(wire))
+
+
 @pytest.mark.parametrize(
     ("windows", "channels"),
     [(0x00, ("T1-T2", "T1")), (0x40, ("T1-T2", "T2")), (0x80, ("T1", "T2")), (0xC0, ("T2", "T1"))],
@@ -28,9 +33,8 @@ def test_windows_say_which_value_is_which(windows, channels):
 def test_signs_decimals_and_overloads_belong_to_their_value():
     main, sub = parse_two_probes(bytes([2, 0x80, 0x80 | 0b100_010]) + RECORD[3:]).values
     assert (main.value, sub.value) == (-23.5, 198.0)
-    main, sub = parse_two_probes(bytes([2, 0x80, 0x80 | 0b001_001]) + RECORD[3:]).values
-    assert math.isnan(main.value)
-    assert math.isnan(sub.value)
+    open_probes = parse_two_probes(bytes([2, 0x80, 0x80 | 0b001_001]) + RECORD[3:]).values
+    assert all(math.isnan(value.value) for value in open_probes)
 
 
 def test_digits_that_are_not_decimal_are_rejected():
@@ -49,8 +53,7 @@ def test_leading_digits_may_be_blank():
 def test_sub_of_a_model_with_one_probe_is_a_timer(wire, model):
     # Voltcraft's sheet for these two: 23.5 °C, and 1:42 on the timer, in minutes
     record = bytes.fromhex("02 80 10 02 35 01 42 03")
-    wire.reply({b"K": model.encode() + b"\r", b"A": record})
-    device = wire.open(Center303(), settings(wire))
+    device = opened(wire, record, model.encode())
     assert device.info.channels == ("T1",)
     assert device.read(1.0).values == (pytest.approx(23.5 + 273.15),)
     (value,) = Center303().decode(record, {"model": int(model)}).values
@@ -58,8 +61,7 @@ def test_sub_of_a_model_with_one_probe_is_a_timer(wire, model):
 
 
 def test_difference_on_the_display_is_not_recorded(wire):
-    wire.reply({b"K": b"303\r", b"A": bytes([2, 0x80, 0x00]) + RECORD[3:]})
-    device = wire.open(Center303(), settings(wire))
+    device = opened(wire, bytes([2, 0x80, 0x00]) + RECORD[3:])
     first, second = device.read(1.0).values
     assert first == pytest.approx(19.8 + 273.15)
     assert math.isnan(second)
@@ -67,8 +69,7 @@ def test_difference_on_the_display_is_not_recorded(wire):
 
 def test_relative_display_has_no_temperature(wire):
     """0.7 degrees against a temperature that the display does not name."""
-    wire.reply({b"K": b"303\r", b"A": bytes.fromhex("02 90 80 00 07 01 98 03")})
-    device = wire.open(Center303(), settings(wire))
+    device = opened(wire, bytes.fromhex("02 90 80 00 07 01 98 03"))
     reading = device.read(1.0)
     assert all(map(math.isnan, reading.values))
     assert reading.quality == Quality.NO_VALUE
@@ -79,8 +80,7 @@ def test_relative_display_has_no_temperature(wire):
 
 @pytest.mark.parametrize(("state", "states"), [(0x20, ("hold",)), (0x01, ("max_min",)), (0x04, ("max_min",))])
 def test_held_and_extreme_displays_are_not_the_temperature_of_now(wire, state, states):
-    wire.reply({b"K": b"303\r", b"A": bytes([2, 0x80 | state]) + RECORD[2:]})
-    device = wire.open(Center303(), settings(wire))
+    device = opened(wire, bytes([2, 0x80 | state]) + RECORD[2:])
     reading = device.read(1.0)
     assert reading.values == pytest.approx((296.65, 292.95))  # as the display shows it
     assert reading.quality == Quality.STALE

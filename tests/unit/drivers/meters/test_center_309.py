@@ -14,14 +14,18 @@ RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 2
 EVERY_S = 0.06  # a record is 47 ms on the wire
 
 
-def settings(wire, **given):
-    return DeviceSettings("thermometer", "center-309", port=wire.path, every_s=EVERY_S, **given)
+def settings(wire, every_s=EVERY_S, **given):
+    return DeviceSettings("thermometer", "center-309", port=wire.path, every_s=every_s, **given)
+
+
+def opened(wire, record=RECORD, **given):
+    wire.reply({b"K": b"309\r", b"A": record})
+    return wire.open(Center309(), settings(wire, **given))
 
 
 @pytest.fixture
 def device(wire):
-    wire.reply({b"K": b"309\r", b"A": RECORD})
-    return wire.open(Center309(), settings(wire, options={"labels": ["reference", "b05", "b15"]}))
+    return opened(wire, options={"labels": ["reference", "b05", "b15"]})
 
 
 def test_model_and_channels_are_declared(device):
@@ -31,9 +35,8 @@ def test_model_and_channels_are_declared(device):
 
 
 def test_more_names_than_probes_are_refused_before_anything_is_recorded(wire):
-    wire.reply({b"K": b"309\r", b"A": RECORD})
     with pytest.raises(ConfigError, match=r"5 names .* 4 channels"):
-        Center309().open(settings(wire, options={"labels": ["a", "b", "c", "d", "e"]}), HostClock())
+        opened(wire, options={"labels": ["a", "b", "c", "d", "e"]})
 
 
 def test_a_record_has_every_field():
@@ -63,27 +66,23 @@ class Sleepy(HostClock):
 def test_late_wakings_do_not_add_up_and_missed_turns_are_not_made_up_for(wire):
     wire.reply({b"K": b"309\r", b"A": RECORD})
     clock = Sleepy()
-    device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=1.0), clock)
+    device = wire.open(Center309(), settings(wire, every_s=1.0), clock)
     asked_s = []
     for away_s in (0, 0, 0, 5, 0):
         clock.now_ns += away_s * 1_000_000_000
         assert device.read(2.0) is not None
         asked_s.append(clock.now_ns / 1e9)
-    device.close()
     assert asked_s == pytest.approx([0.0, 1.1, 2.1, 7.1, 8.2])
 
 
 def test_turn_that_is_not_due_is_none(wire):
-    wire.reply({b"K": b"309\r", b"A": RECORD})
-    device = wire.open(Center309(), DeviceSettings("t", "center-309", port=wire.path, every_s=60))
+    device = opened(wire, every_s=60)
     assert device.read(1.0) is not None
     assert device.read(0.01) is None
 
 
 def test_open_probe_leaves_the_others_good(wire):
-    wire.reply({b"K": b"309\r", b"A": RECORD})
-    device = wire.open(Center309(), settings(wire))
-    reading = device.read(1.0)
+    reading = opened(wire).read(1.0)
     assert math.isnan(reading.values[3])
     assert reading.quality == Quality.GOOD
 
@@ -96,16 +95,14 @@ def test_lowest_number_is_no_temperature():
 
 
 def test_held_display_is_stale(wire):
-    wire.reply({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
-    device = wire.open(Center309(), settings(wire))
+    device = opened(wire, RECORD[:1] + b"\xa0" + RECORD[2:])
     assert device.read(1.0).quality == Quality.STALE
 
 
 @pytest.mark.parametrize(("state", "word"), [(0x10, "relative"), (0x02, "maximum"), (0x04, "minimum")])
 def test_what_the_display_shows_does_not_change_the_temperatures_of_now(wire, state, word):
     """The record has those of REL, MIN and MAX apart, at offsets 15-38."""
-    wire.reply({b"K": b"309\r", b"A": RECORD[:1] + bytes([0x80 | state]) + RECORD[2:]})
-    device = wire.open(Center309(), settings(wire))
+    device = opened(wire, RECORD[:1] + bytes([0x80 | state]) + RECORD[2:])
     reading = device.read(1.0)
     assert reading.values[0] == pytest.approx(25.3 + 273.15)
     assert reading.quality == Quality.GOOD

@@ -47,20 +47,18 @@ def test_requests_are_those_of_the_manual(packed, sent):
 
 def test_t10_is_put_into_pc_mode_and_polled(wire):
     wire.reply({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "10", "0200"): LUX})
-    device = KonicaMinolta().open(settings(wire), HurriedClock())
+    device = wire.open(KonicaMinolta(), settings(wire), HurriedClock())
     assert (device.info.unit, device.info.latency_s, device.info.settings["line"]) == ("lx", 0.25, "9600 7E1")
     reading = device.read(1.0)
     assert (reading.values, reading.quality, reading.raw) == ((98760.0,), Quality.GOOD, LUX)
-    device.close()
 
 
 def test_cl200_is_triggered_before_it_is_asked(wire):
     colour = signed(b"00020 50+98765+03124+03294\x03")
     triggered = {pack_request(0, code, text): PC_MODE for code, text in (("54", "1"), ("40", "10"))}
     wire.reply({**triggered, pack_request(0, "02", "1200"): colour})
-    device = KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
+    device = wire.open(KonicaMinolta(), settings(wire, model="cl-200"), HurriedClock())
     assert device.read(1.0).values == (98760.0,)
-    device.close()
 
 
 @pytest.mark.parametrize(

@@ -22,16 +22,11 @@ def settings(wire, **options):
 
 @pytest.fixture
 def opened(wire):
-    devices = []
-
     def open_with(record, **options):
         wire.talk(record)
-        devices.append(Lutron().open(settings(wire, **options), HostClock()))
-        return devices[-1]
+        return wire.open(Lutron(), settings(wire, **options))
 
-    yield open_with
-    for device in devices:
-        device.close()
+    return open_with
 
 
 def test_light_meter_declares_lux_before_its_first_reading(opened):

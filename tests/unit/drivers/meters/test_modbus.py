@@ -1,4 +1,5 @@
 import math
+from types import MappingProxyType
 
 import pytest
 
@@ -30,6 +31,11 @@ def settings(wire, **options):
     return DeviceSettings("sun", "modbus", port=wire.path, every_s=0.02, options=options)
 
 
+def pyranometer(wire, reply, more=MappingProxyType({})):
+    wire.reply({pack_request(1, 4, 2, 8): reply, **more})
+    return wire.open(Modbus(), settings(wire, map="kipp-smp"))
+
+
 def sealed(hexadecimal):
     body = bytes.fromhex(hexadecimal)
     return body + crc16(body).to_bytes(2, "little")
@@ -52,8 +58,7 @@ def test_refusal_of_the_instrument_is_said_in_words():
 
 
 def test_pyranometer_is_polled_by_its_map(wire):
-    wire.reply({pack_request(1, 4, 2, 8): SMP})
-    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
+    device = pyranometer(wire, SMP)
     assert (device.info.quantity, device.info.unit) == ("irradiance", "W m-2")
     assert device.info.settings["line"] == "19200 8E1"
     assert device.info.channels == ("irradiance", "irradiance uncompensated")
@@ -67,14 +72,12 @@ def test_pyranometer_is_polled_by_its_map(wire):
 def test_type_register_tells_a_pyrheliometer_from_a_pyranometer(wire, type_number, component, echo):
     """Types by the manuals of the SMP and the SHP1; what no manual names is not guessed."""
     typed = echo + sealed(f"01 04 02 {type_number:04x}")
-    wire.reply({pack_request(1, 4, 2, 8): SMP, pack_request(1, 4, 0, 1): typed})
-    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
+    device = pyranometer(wire, SMP, {pack_request(1, 4, 0, 1): typed})
     assert device.info.measures == ((component, component) if component else ())
 
 
 def test_instrument_that_does_not_answer_for_its_type_is_not_guessed(wire):
-    wire.reply({pack_request(1, 4, 2, 8): SMP})
-    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
+    device = pyranometer(wire, SMP)
     assert device.info.measures == ()
     assert device.read(1.0).values == (997.0, 997.0)
 
@@ -103,8 +106,7 @@ def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, given, compla
 def test_reply_of_another_instrument_or_function_on_the_line_is_not_ours(wire, head):
     """Modbus over Serial Line 1.02, 2.4.1: a reply of an unexpected slave does not end the waiting."""
     other = sealed(f"{head} 10 00 01 00 00 00 00 00 64 00 64 00 00 00 F8 00 EA")
-    wire.reply({pack_request(1, 4, 2, 8): other + SMP})
-    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
+    device = pyranometer(wire, other + SMP)
     assert device.read(1.0).values == (997.0, 997.0)
     assert device.rejected == 2
     assert "unit 1, function 4" in device.rejected_because
@@ -181,8 +183,7 @@ def test_values_that_no_map_can_have_are_named_when_it_is_read(tmp_path, old, ne
 
 
 def test_void_data_are_stale(wire):
-    wire.reply({pack_request(1, 4, 2, 8): VOID})
-    device = wire.open(Modbus(), settings(wire, map="kipp-smp"))
+    device = pyranometer(wire, VOID)
     reading = device.read(1.0)
     assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
 
