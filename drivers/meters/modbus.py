@@ -12,12 +12,12 @@ import math
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
@@ -82,27 +82,52 @@ class StatusBit:
 
 
 @dataclass(frozen=True, slots=True)
-class RegisterMap:
-    """One block of registers and its meaning; `no_value` are raw counts, `limits` the values that can be.
+class Status:
+    """The register whose bits are states of the instrument."""
 
-    `measures` is the component of radiation (`fieldkit.model.radiation`), by type where one map serves
-    instruments of several: `type_register` then holds the instrument's type. "" stands for any type, or none.
+    register: int | None = None
+    bits: tuple[StatusBit, ...] = ()
+
+
+def _repeat(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """T1 ... Tn from one entry that is to be repeated: number and register count up."""
+    return tuple(
+        replace(
+            channel,
+            name=f"{channel.name.rstrip('0123456789')}{number + 1}" if channel.repeat > 1 else channel.name,
+            register=channel.register + number * channel.width,
+            repeat=1,
+        )
+        for channel in channels
+        for number in range(channel.repeat)
+    )
+
+
+class RegisterMap(BaseModel):
+    """One block of registers and its meaning, as in its file; `no_value` are raw counts.
+
+    `limits` are the values that can be. `measures` is the component of radiation
+    (`fieldkit.model.radiation`), by type where one map serves instruments of several: `type_register` then
+    holds the instrument's type. "" stands for any type, or none.
     """
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        frozen=True, extra="forbid", strict=True, populate_by_name=True
+    )
 
     title: str
     quantity: str
     unit: str
-    line: Line
-    function: int
-    first: int
-    count: int
-    channels: tuple[Channel, ...]
+    line: Line = Line()
+    function: Literal[3, 4]
+    first: Annotated[int, Field(ge=0)]
+    count: Annotated[int, Field(ge=1, le=MOST_REGISTERS)]
+    channels: Annotated[tuple[Channel, ...], AfterValidator(_repeat)] = Field(alias="channel")
     no_value: tuple[int, ...] = ()
-    measures: Mapping[int | str, str] = field(default_factory=dict)
+    measures: dict[str, str] = Field(default_factory=dict)
     type_register: int | None = None
-    limits: tuple[float, float] = (-math.inf, math.inf)
-    status_register: int | None = None
-    status_bits: tuple[StatusBit, ...] = ()
+    limits: tuple[float, float] = Field(default=(-math.inf, math.inf), alias="range")
+    status: Status = Status()
 
     def values(self, registers: Sequence[int]) -> tuple[Value, ...]:
         """Values of a block of `count` registers (unsigned)."""
@@ -110,10 +135,10 @@ class RegisterMap:
         return tuple(self._value(channel, registers, quality, states) for channel in self.channels)
 
     def _status(self, registers: Sequence[int]) -> tuple[Quality, tuple[str, ...]]:
-        if self.status_register is None:
+        if self.status.register is None:
             return Quality.GOOD, ()
-        state = registers[self.status_register - self.first]
-        present = [entry for entry in self.status_bits if state >> entry.bit & 1]
+        state = registers[self.status.register - self.first]
+        present = [entry for entry in self.status.bits if state >> entry.bit & 1]
         quality = Quality.GOOD
         for entry in present:
             quality |= _QUALITIES[entry.quality]
@@ -178,44 +203,10 @@ def load_map(name: str) -> RegisterMap:
         ) from error
 
 
-@dataclass(frozen=True, slots=True)
-class _Status:
-    register: int | None = None
-    bits: tuple[StatusBit, ...] = ()
-
-
-class _MapFile(BaseModel):
-    """A register map as its file has it."""
-
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
-
-    title: str
-    quantity: str
-    unit: str
-    line: Line = Line()
-    function: Literal[3, 4]
-    first: Annotated[int, Field(ge=0)]
-    count: Annotated[int, Field(ge=1, le=MOST_REGISTERS)]
-    channel: tuple[Channel, ...]
-    no_value: tuple[int, ...] = ()
-    measures: str | dict[str, int | list[int]] = Field(default_factory=dict)
-    range: tuple[float, float] = (-math.inf, math.inf)
-    status: _Status = _Status()
-
-
 def _read_map(table: Mapping[str, Any]) -> RegisterMap:
     # as JSON, whose strict reading takes tables for dataclasses and lists for tuples
-    file = _MapFile.model_validate_json(json.dumps(table, default=str))
-    register_map = RegisterMap(
-        **{name: getattr(file, name) for name in ("title", "quantity", "unit", "line", "function", "first")},
-        count=file.count,
-        channels=tuple(channel for entry in file.channel for channel in _repeat(entry)),
-        no_value=file.no_value,
-        **_measures(file.measures),
-        limits=file.range,
-        status_register=file.status.register,
-        status_bits=file.status.bits,
-    )
+    document = {**table, **_measures(table.get("measures", {}))}
+    register_map = RegisterMap.model_validate_json(json.dumps(document, default=str))
     _check(register_map)
     return register_map
 
@@ -233,19 +224,6 @@ def _measures(measures: str | Mapping[str, Any]) -> dict[str, Any]:
     return {"measures": by_type, "type_register": register}
 
 
-def _repeat(channel: Channel) -> list[Channel]:
-    """T1 ... Tn from one entry: number and register count up."""
-    if channel.repeat == 1:
-        return [channel]
-    stem = channel.name.rstrip("0123456789")
-    return [
-        replace(
-            channel, name=f"{stem}{number + 1}", register=channel.register + number * channel.width, repeat=1
-        )
-        for number in range(channel.repeat)
-    ]
-
-
 def _check(register_map: RegisterMap) -> None:
     first, end = register_map.first, register_map.first + register_map.count
     if end > 0x10000:
@@ -254,7 +232,7 @@ def _check(register_map: RegisterMap) -> None:
         if not channel.scale:
             raise ValueError(f"channel {channel.name}: scale 0 leaves nothing of the value")
         last = channel.register + channel.width - 1
-        registers = (channel.register, last, channel.decimals_register, register_map.status_register)
+        registers = (channel.register, last, channel.decimals_register, register_map.status.register)
         for register in registers:
             if register is not None and not first <= register < end:
                 raise ValueError(
@@ -434,7 +412,7 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
     reply = port.read(replies, meter.REPLY_TIMEOUT_S, request)
     while reply is not None and not reply.record.numbers:  # some adapters echo the request
         reply = port.read(replies, meter.REPLY_TIMEOUT_S)
-    return "" if reply is None else register_map.measures.get(int(reply.record.numbers[0]), "")
+    return "" if reply is None else register_map.measures.get(f"{reply.record.numbers[0]:.0f}", "")
 
 
 def _line(settings: DeviceSettings, register_map: RegisterMap) -> Line:

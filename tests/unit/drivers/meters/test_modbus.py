@@ -15,7 +15,6 @@ from fieldkit.drivers.meters.modbus import (
     packaged_maps,
     parse,
 )
-from fieldkit.drivers.ports import Line
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
@@ -29,6 +28,11 @@ OPTIONS = {"map": "kipp-smp"}
 
 def settings(wire, **options):
     return DeviceSettings("sun", "modbus", port=wire.path, every_s=0.02, options=options)
+
+
+def block_of(channel, count, **more):
+    words = {"title": "x", "quantity": "any", "unit": channel.unit}
+    return RegisterMap(**words, function=3, first=0, count=count, channels=(channel,), **more)
 
 
 def pyranometer(wire, reply, more=MappingProxyType({})):
@@ -133,9 +137,7 @@ def test_a_scale_register_without_a_scale_leaves_no_value(scale):
     ],
 )
 def test_counts_that_mean_no_value_are_those_of_the_whole_channel(kind, no_value, registers, is_open):
-    own = RegisterMap(
-        "x", "temperature", "°C", Line(), 3, 0, len(registers), (Channel("T1", 0, kind),), (no_value,)
-    )
+    own = block_of(Channel("T1", 0, kind), len(registers), no_value=(no_value,))
     assert math.isnan(own.values(registers)[0].value) is is_open
 
 
@@ -144,7 +146,7 @@ def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
     """500, 500.25 and 843.7 W/m2 by IEEE 754; exchanged they are 2.4e-41, 1.1e-19 and -2e27."""
     for low_first in (False, True):
         channel = Channel("sun", 0, "f32", "W/m²", words_low_first=low_first)
-        own = RegisterMap("x", "irradiance", "W/m²", Line(), 3, 0, 2, (channel,), limits=(-100.0, 2000.0))
+        own = block_of(channel, 2, limits=(-100.0, 2000.0))
         assert math.isnan(own.values(registers)[0].value) is low_first
 
 
@@ -247,8 +249,7 @@ def test_bytes_from_a_unit_that_cannot_be_are_no_answer():
 
 
 def one_register(**more):
-    channels = (Channel("x", 0, "u16", "W/m²", **more),)
-    return RegisterMap("a map", "irradiance", "W/m²", Line(9600), 3, 0, 2, channels, no_value=(32_767,))
+    return block_of(Channel("x", 0, "u16", "W/m²", **more), 2, no_value=(32_767,))
 
 
 @pytest.mark.parametrize(("decimals", "value"), [(0, 84.0), (1, 8.4), (0xFFFF, 840.0), (0xFFFE, 8400.0)])
