@@ -8,6 +8,7 @@ behind that, as udev does: ``0403:6010:FT1-if01``. Node numbers (`/dev/video0`, 
 
 from __future__ import annotations
 
+import errno
 import grp
 import os
 import re
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import DeviceNotFoundError
+from fieldkit.model.errors import DeviceAccessError, DeviceNotFoundError
 from fieldkit.model.next_step import Action, Text
 
 # --- what to type when an instrument may not be opened
@@ -29,6 +30,16 @@ def permission_fix(group: str) -> Text:
     """Commands that give access to a node of `group`; root is not a group to join."""
     rules = UDEV_FIX + ", then unplug and plug it"
     return rules if group == "root" else rules + f"; or: sudo usermod -aG {group} $USER, then log in again"
+
+
+def refusal(place: str, error: Exception, group: str, fix: Text) -> DeviceAccessError | None:
+    """The error of what is there and may not be used, `fix` being to free it; None for another cause."""
+    code = getattr(error, "errno", None)
+    if code in (errno.EACCES, errno.EPERM):
+        return DeviceAccessError(f"no permission (group {group})", place=place, fix=permission_fix(group))
+    if code in (errno.EAGAIN, errno.EBUSY):
+        return DeviceAccessError("used by another program", place=place, fix=fix)
+    return None
 
 
 def group_of(path: str) -> str:

@@ -36,7 +36,7 @@ from fieldkit.drivers.identity import (
     group_of,
     listing,
     only_one,
-    permission_fix,
+    refusal,
     usb_parent,
 )
 from fieldkit.drivers.opening import close_on_failure
@@ -458,18 +458,9 @@ def open_failure(path: str, error: Exception) -> DeviceError:
             place=path,
             fix="plug the instrument in; " + Action.FIND_DEVICES() + " shows the identity",
         )
-    if code in (errno.EACCES, errno.EPERM):
-        return DeviceAccessError(
-            f"no permission (it belongs to group {group_of(path)})",
-            place=path,
-            fix=permission_fix(group_of(path)),
-        )
-    if code in (errno.EAGAIN, errno.EBUSY):
-        return DeviceAccessError(
-            "used by another program",
-            place=path,
-            fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX,
-        )
+    fix = f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX
+    if cause := refusal(path, error, group_of(path), fix):
+        return cause
     return DeviceAccessError(
         f"cannot be opened: {error}", place=path, fix=Action.DOCTOR() + " checks the cause"
     )

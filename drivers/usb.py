@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import Found, Kind, UsbIdentity, fitting, only_one, permission_fix
+from fieldkit.drivers.identity import Found, Kind, UsbIdentity, fitting, only_one, refusal
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
+from fieldkit.model.errors import DeviceError, DeviceLostError
 
 
 def usb_instruments(kinds: Sequence[Kind]) -> list[tuple[Any, UsbIdentity]]:
@@ -48,14 +48,8 @@ def usb_errors(place: str) -> Iterator[None]:
         raise
     except OSError as error:  # usb.core.USBError is one
         code = error.errno
-        if code in (errno.EACCES, errno.EPERM):
-            raise DeviceAccessError(
-                "no permission for this USB instrument", place=place, fix=permission_fix("plugdev")
-            ) from error
-        if code == errno.EBUSY:
-            raise DeviceAccessError(
-                "used by another program", place=place, fix="close it, or unplug and plug it"
-            ) from error
+        if cause := refusal(place, error, "plugdev", "close it, or unplug and plug it"):
+            raise cause from error
         if code in (errno.ENODEV, errno.ENOENT, errno.EIO):
             raise DeviceLostError(
                 "the USB instrument is gone",

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fieldkit.drivers.identity import permission_fix
+from fieldkit.drivers.identity import refusal
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -383,12 +383,8 @@ def _failure(path: str, error: OSError) -> DeviceError:
         return DeviceNotFoundError(
             "no camera here", place=path, fix=Action.FIND_DEVICES() + " shows the identity"
         )
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return DeviceAccessError("no permission", place=path, fix=permission_fix("video"))
-    if error.errno == errno.EBUSY:
-        return DeviceAccessError(
-            "used by another program", place=path, fix=f"close it (fuser -v {path} names it)"
-        )
+    if cause := refusal(path, error, "video", f"close it (fuser -v {path} names it)"):
+        return cause
     if error.errno == errno.ENOSPC:
         return DeviceAccessError(
             "no USB bandwidth left",

@@ -412,7 +412,8 @@ def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Record:
     try:
         return meter.first_record(port, grammar.layout, settings.name, _HINT, settings.every_s).record
     except DecodeError as error:
-        raise DecodeError(error.message, raw=error.raw, fix=f"print lines such as {FORMS}") from error
+        fix = f"print lines such as {FORMS}"
+        raise DecodeError(error.problem, raw=error.raw, place=settings.name, fix=fix) from error
 
 
 def _quantity(unit: str, channel: str) -> Quantity:

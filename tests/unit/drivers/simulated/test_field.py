@@ -97,11 +97,10 @@ def record(scene):
 
 
 def test_the_same_field_gives_the_same_bytes_and_stamps_however_busy_the_computer():
-    scene = sand_slopes(duration_s=60.0, faults=(Fault(FaultKind.GARBLED, 20.0, 20.0),))
+    scene = sand_slopes(duration_s=20.0, faults=(Fault(FaultKind.GARBLED, 5.0, 5.0),))
     quiet = record(scene)
-    assert [len(quiet[name]) for name in ("camera", "lux", "thermometer")] == pytest.approx(
-        [522, 55, 28], abs=12
-    )
+    counts = [len(quiet[name]) for name in ("camera", "lux", "thermometer")]
+    assert counts == pytest.approx([174, 18, 9], abs=4)
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
     try:
         assert record(scene) == quiet
