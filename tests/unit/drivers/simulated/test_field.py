@@ -100,7 +100,7 @@ def test_the_same_field_gives_the_same_bytes_and_stamps_however_busy_the_compute
     scene = sand_slopes(duration_s=20.0, faults=(Fault(FaultKind.GARBLED, 5.0, 5.0),))
     quiet = record(scene)
     counts = [len(quiet[name]) for name in ("camera", "lux", "thermometer")]
-    assert counts == pytest.approx([174, 18, 9], abs=4)
+    assert counts == pytest.approx([170, 17, 9], abs=6)
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
     try:
         assert record(scene) == quiet
