@@ -128,48 +128,40 @@ class EstimatorMonitor:
 
 
 @dataclass
-class ClockCheckSchedule:
-    """Selects which of the clock checks, one a second, are stored: one a minute, and both around a suspend.
+class ClockMonitor:
+    """Judges a clock check each second: which are stored, and whether the clock was stepped or has slept.
 
-    The times between which the computer was suspended are thus known to a second.
+    One a minute is stored, the first and the last, and both around a step or sleep, of which the times are
+    thus known to a second.
     """
 
     _last: ClockCheck | None = None
     _stored: ClockCheck | None = None
 
-    def update(self, check: ClockCheck) -> tuple[ClockCheck, ...]:
-        """The checks to store now, in order; each is returned only once."""
-        last, stored, self._last = self._last, self._stored, check
-        slept = last is not None and check.suspended_ns - last.suspended_ns > SECOND_NS
-        if stored is not None and not slept and check.mono_ns - stored.mono_ns < CLOCK_CHECK_EVERY_NS:
-            return ()
-        self._stored = check
-        return (last, check) if last is not None and slept and last is not stored else (check,)
-
-
-@dataclass
-class ClockMonitor:
-    """Reports a stepped system clock and a suspended computer, from one check to the next."""
-
-    _last: ClockCheck | None = None
-
-    def update(self, check: ClockCheck, time_ns: int) -> Iterator[Event]:
-        """Events since the previous check; recorded data is not changed."""
-        last, self._last = self._last, check
-        if last is None:
-            return
+    def update(
+        self, check: ClockCheck, time_ns: int, *, at_end: bool = False
+    ) -> tuple[list[ClockCheck], list[Event]]:
+        """The checks to store now, in order and each only once, and the events since the previous check."""
+        last, self._last = self._last or check, check
         slept_ns = check.suspended_ns - last.suspended_ns
         step_ns = check.utc_minus_mono_ns - last.utc_minus_mono_ns - slept_ns
-        if slept_ns >= SUSPENDED_NS:
-            text = f"the computer slept for {rounded_duration(slept_ns / SECOND_NS)}"
-            yield Event(
-                EventKind.SLEPT, check.mono_ns, time_ns, text, "", Severity.WARNING, {"slept_ns": slept_ns}
-            )
-        if abs(step_ns) >= CLOCK_STEP_NS:
-            text = f"the system clock was stepped by {step_ns / SECOND_NS:+.3f} s; recorded times go on"
-            yield Event(
-                EventKind.CLOCK_STEP, check.mono_ns, time_ns, text, "", Severity.WARNING, {"step_ns": step_ns}
-            )
+        has_moved = slept_ns > SECOND_NS or abs(step_ns) >= CLOCK_STEP_NS
+        is_due = self._stored is None or check.mono_ns - self._stored.mono_ns >= CLOCK_CHECK_EVERY_NS
+        checks = [last] if has_moved and last is not self._stored else []
+        if has_moved or is_due or at_end:
+            self._stored = check
+            checks.append(check)
+        return checks, list(_clock_events(check.mono_ns, time_ns, slept_ns, step_ns))
+
+
+def _clock_events(mono_ns: int, time_ns: int, slept_ns: int, step_ns: int) -> Iterator[Event]:
+    warning = Severity.WARNING
+    if slept_ns >= SUSPENDED_NS:
+        text = f"the computer slept for {rounded_duration(slept_ns / SECOND_NS)}"
+        yield Event(EventKind.SLEPT, mono_ns, time_ns, text, "", warning, {"slept_ns": slept_ns})
+    if abs(step_ns) >= CLOCK_STEP_NS:
+        text = f"the system clock was stepped by {step_ns / SECOND_NS:+.3f} s; recorded times go on"
+        yield Event(EventKind.CLOCK_STEP, mono_ns, time_ns, text, "", warning, {"step_ns": step_ns})
 
 
 @dataclass
@@ -250,8 +242,8 @@ class HealthSnapshot:
     """The health of one second, with the clock checks to store and the events to report."""
 
     health: Health
-    clock_checks: tuple[ClockCheck, ...]
-    events: tuple[Event, ...]
+    clock_checks: list[ClockCheck]
+    events: list[Event]
 
 
 @dataclass
@@ -273,7 +265,6 @@ class HealthMonitor:
         }
         self._garbled = GarbleMonitor({name: rejected for name, (_, rejected, _) in self._before.items()})
         self._clock_monitor, self._rates = ClockMonitor(), _Rates()
-        self._check_pace = ClockCheckSchedule()
         self._late_max_us: Counter[str] = Counter()
         self._next_ns = self.clock.mono_ns()
         self._free_bytes = sys.maxsize  # until the disk is first queried
@@ -295,22 +286,20 @@ class HealthMonitor:
         with suppress(OSError):  # a network drive may fail for a moment: keep the last value
             self._free_bytes = self.free_bytes()
         free = self._free_bytes
-        events = self.garbled_events(now, utc)
+        checks, events = self.inspect(now, utc)
         events += self.disk.update(free, self._rates.bytes_per_s(self.writer.bytes_written, now), now, utc)
-        checks = self._check_pace.update(self.clock.check())
-        for check in checks:
-            events += self._clock_monitor.update(check, utc)
-        return HealthSnapshot(self._health(now, utc, free), checks, tuple(events))
+        return HealthSnapshot(self._health(now, utc, free), checks, events)
 
-    def garbled_events(self, mono_ns: int, time_ns: int, *, at_end: bool = False) -> list[Event]:
-        """Events for invalid records: once a minute for each stream, and the rest `at_end`."""
-        return [
-            event
-            for reader in self.readers
-            for event in self._garbled.update(
+    def inspect(
+        self, mono_ns: int, time_ns: int, *, at_end: bool = False
+    ) -> tuple[list[ClockCheck], list[Event]]:
+        """Clock checks to store, events of clock and invalid records; `at_end` also those not due yet."""
+        checks, events = self._clock_monitor.update(self.clock.check(), time_ns, at_end=at_end)
+        for reader in self.readers:
+            events += self._garbled.update(
                 reader.info.name, reader.rejected, mono_ns, time_ns, reader.rejected_because, at_end=at_end
             )
-        ]
+        return checks, events
 
     def _health(self, now: int, utc: int, free: int) -> Health:
         streams = tuple(self._stream_health(reader) for reader in self.readers)

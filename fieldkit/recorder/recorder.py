@@ -17,7 +17,7 @@ from typing import Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.alarm import Phase
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
 from fieldkit.model.next_step import Action
@@ -249,9 +249,9 @@ class Recorder:
             )
         now = self.clock.mono_ns()
         utc = self.clock.to_utc_ns(now)
-        for event in chain(
-            self._health.garbled_events(now, utc, at_end=True), self._storage.summary(now, utc, at_end=True)
-        ):
+        checks, events = self._health.inspect(now, utc, at_end=True)
+        self._keep_checks(checks)
+        for event in chain(events, self._storage.summary(now, utc, at_end=True)):
             self._keep_event(event)
         if self._failure is not None:
             text = f"the recording ended early: {self._failure.message}"
@@ -317,6 +317,10 @@ class Recorder:
         self._store(lambda: self.writer.put(event))
         self._pass_on(event)
 
+    def _keep_checks(self, checks: Iterable[ClockCheck]) -> None:
+        for check in checks:
+            self._store(partial(self.writer.put, check))
+
     def carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
         """Store and follow requests; stops at the first that cannot be stored, which comes again."""
         for request in requests:
@@ -364,8 +368,7 @@ class Recorder:
         if snapshot is None:
             return
         self._store(lambda: self.writer.put(snapshot.health))
-        for check in snapshot.clock_checks:
-            self._store(partial(self.writer.put, check))
+        self._keep_checks(snapshot.clock_checks)
         health = snapshot.health
         now, utc = health.mono_ns, health.time_ns
         late = self._late.update(self._estimating.waited_s(), now, utc) if self._estimating else ()

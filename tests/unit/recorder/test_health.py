@@ -66,7 +66,7 @@ def test_a_clock_step_and_a_sleep_are_reported_apart():
 
     def kinds(utc_minus_mono: int, suspended: int) -> list[EventKind]:
         check = ClockCheck(0, utc_minus_mono, 100, suspended_ns=suspended)
-        return [event.kind for event in monitor.update(check, 0)]
+        return [event.kind for event in monitor.update(check, 0)[1]]
 
     assert kinds(0, 0) == []
     assert kinds(S // 10, 0) == []  # the drift of a minute is no step
@@ -125,8 +125,8 @@ def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reporte
 @pytest.mark.parametrize(("step_s", "reported"), [(0.4, False), (0.6, True), (-0.6, True), (3.0, True)])
 def test_a_step_of_the_system_clock_of_half_a_second_is_reported(step_s, reported):
     monitor = ClockMonitor()
-    assert list(monitor.update(ClockCheck(0, 10**18, 100), 0)) == []
-    events = list(monitor.update(ClockCheck(60 * 10**9, 10**18 + round(step_s * 1e9), 100), 0))
+    assert monitor.update(ClockCheck(0, 10**18, 100), 0)[1] == []
+    _, events = monitor.update(ClockCheck(10**9, 10**18 + round(step_s * 1e9), 100), 0)
     assert [event.kind for event in events] == [EventKind.CLOCK_STEP] * reported
     assert all(f"{step_s:+.3f} s" in event.text for event in events)
 
@@ -151,9 +151,12 @@ class Notebook(SimulatedClock):
         return replace(awake, utc_minus_mono_ns=offset_ns, suspended_ns=self.slept_ns)
 
 
-def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
-    """A reading and a look around each second; returns the kinds of events."""
-    kinds = []
+def recorded(path: Path, seconds: int, move: tuple[int, str, int] | None) -> dict[EventKind, int]:
+    """A reading and a look around each second; returns the second at which each kind of event came.
+
+    `move` is the second behind which a method of the clock is called, that method, and its seconds.
+    """
+    kinds = {}
     with Notebook(START_NS) as clock:
         writer = SessionWriter(path, header(), clock)
         monitor = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
@@ -161,11 +164,11 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
             writer.append(sample(LUX, second, clock.mono_ns(), clock.to_utc_ns(clock.mono_ns())))
             snapshot = monitor.update()
             assert snapshot is not None
-            kinds += [event.kind for event in snapshot.events]
+            kinds |= {event.kind: second for event in snapshot.events}
             for check in snapshot.clock_checks:
                 writer.put(check)
-            if second == shut_at_s:
-                clock.shut_for(SLEPT_S)
+            if move and second == move[0]:
+                getattr(clock, move[1])(move[2])
             clock.sleep(1.0)
         writer.close()
     return kinds
@@ -193,27 +196,23 @@ def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tm
     assert seen == [10**12, 10**12, 10**11]
 
 
-def test_clocks_are_compared_once_a_minute(tmp_path):
-    assert recorded(tmp_path / "a.h5", 130, shut_at_s=999) == []
+@pytest.mark.parametrize(
+    ("move", "kind", "stored_s"),
+    [
+        (None, None, [0, 60, 120]),
+        ((99, "shut_for", SLEPT_S), EventKind.SLEPT, [0, 60, 99, 100]),  # known to the second
+        ((60, "shut_for", SLEPT_S), EventKind.SLEPT, [0, 60, 61, 121]),  # right after a comparison
+        ((99, "step_system_clock", SLEPT_S), EventKind.CLOCK_STEP, [0, 60, 99, 100]),
+    ],
+)
+def test_clocks_are_compared_once_a_minute_and_around_what_moves_them(tmp_path, move, kind, stored_s):
+    assert recorded(tmp_path / "a.h5", 130, move) == ({kind: move[0] + 1} if move else {})
     with open_session(tmp_path / "a.h5") as session:
         since_ns = session.stream("lux").column("mono_ns")[0]
-        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 120]
-
-
-def test_a_sleep_between_two_minutes_is_known_to_the_second(tmp_path):
-    assert recorded(tmp_path / "a.h5", 130, shut_at_s=99) == [EventKind.SLEPT]
-    with open_session(tmp_path / "a.h5") as session:
-        since_ns = session.stream("lux").column("mono_ns")[0]
-        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 99, 100]
-        (step,) = propose_time_map(session)
-    assert (step.mono_ns, step.add_ns) == (since_ns + 99 * S, SLEPT_S * S)
-
-
-def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path):
-    recorded(tmp_path / "a.h5", 70, shut_at_s=60)
-    with open_session(tmp_path / "a.h5") as session:
-        since_ns = session.stream("lux").column("mono_ns")[0]
-        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 61]
+        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == stored_s
+        steps = propose_time_map(session)
+    if kind is EventKind.SLEPT:
+        assert [(step.mono_ns, step.add_ns) for step in steps] == [(since_ns + move[0] * S, SLEPT_S * S)]
 
 
 def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path):

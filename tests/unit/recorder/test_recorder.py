@@ -129,6 +129,9 @@ def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):
     assert done.exit_code == 0, done.output
     with open_session(the_session(campaign)) as session:
         minutes = session.minutes()
+        assert (
+            session.end_ns - session.clock_checks()[-1].mono_ns - session.anchor_ns < 10**9
+        )  # at the end too
         assert session.learnt() == {minute.time_ns: minute.learnt for minute in minutes}
     assert minutes
     assert all(minute.learnt.parameters == found.parameters for minute in minutes)
