@@ -136,7 +136,8 @@ def _change(apart_s: FloatArray) -> float:
 def _refuse_short(time_ns: IntArray, what: str) -> None:
     if time_ns.size < MIN_READINGS or np.ptp(time_ns) < MIN_SPAN_S * 1e9:
         raise CalibrationError(
-            f"{what}: the sun does not determine the time",
+            "the sun does not determine the time",
+            place=what,
             fix="use a session of three hours or more about noon, or a phone: " + Action.HOST_CLOCK(),
         )
 

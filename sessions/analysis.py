@@ -132,7 +132,8 @@ def kelvin(
             if damaged == "raise":
                 row = frames.start + int(np.argmax(bad))
                 raise IntegrityError(
-                    f"{session.path}: frame {row} of {info.name} does not match its checksum",
+                    f"frame {row} of {info.name} does not match its checksum",
+                    place=session.path,
                     fix=Argument("damaged", "nan") + " returns NaN there; " + Action.CHECK() + " lists them",
                 )
             values[bad] = np.nan

@@ -189,7 +189,7 @@ class SessionReader:
         self.require_open()
         if self.state not in ("sealed", "recovered"):
             fix = Action.STOP() if self.state == "recording" else Action.RECOVER(self.path)
-            raise SessionError(f"{self.state}: its journal may hold more", place=self.path, fix=fix)
+            raise SessionError(f"its journal may hold more ({self.state})", place=self.path, fix=fix)
 
     # --- what was declared
 

@@ -233,13 +233,13 @@ def _table_in(path: Path) -> PoseTable:
 def pose_table(values: dict[str, Any], path: Path) -> PoseTable:
     """The checked table with these keys, of a file at `path`; raises `ConfigError` with the first mistake."""
     for key, message in _contradictions(values):
-        raise ConfigError(f"{key}: {message}", place=path, fix=f"correct {key} in {path}")
+        raise ConfigError(message, place=f"{path}, {key}", fix=f"correct {key} in {path}")
     try:
         return PoseTable.model_validate(_with_trajectory(values, path.parent))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{key}: {first['msg']}", place=path, fix=f"correct {key} in {path}") from None
+        raise ConfigError(first["msg"], place=f"{path}, {key}", fix=f"correct {key} in {path}") from None
 
 
 def _with_trajectory(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def preflight(
     for name in meters.unknown:
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
     if unknown := [info.name for info in streams if not info.unit]:
-        raise ConfigError(f"{', '.join(unknown)}: {UNKNOWN_UNIT}", fix=STATE_UNIT)
+        raise ConfigError(UNKNOWN_UNIT, place=", ".join(unknown), fix=STATE_UNIT)
     for name in meters.absent:
         notify(f"probes of regions: no instrument is called {name}")
     needed = bytes_per_second(streams, sampling_of(config))
