@@ -187,7 +187,10 @@ class JournalReader:
 
 
 def session_numbers(folder: Path) -> list[int]:
-    """The number of the session that each log in a folder is of, and its lock: that of its first record."""
+    """The number of the session of a folder's lock, which nobody copies alone, and of each log there.
+
+    Of a log it is that of its first record.
+    """
     numbers = []
     for log in _open_logs(folder):
         with contextlib.closing(log):
@@ -197,8 +200,8 @@ def session_numbers(folder: Path) -> list[int]:
 
 
 def _open_logs(folder: Path) -> Iterator[LogReader]:
-    """The logs in a folder, and its lock, which says how much was written."""
-    for path in (*sorted(folder.glob("*.log")), folder / RECORDING):
+    """The lock of a folder, which says how much was written, and its logs."""
+    for path in (folder / RECORDING, *sorted(folder.glob("*.log"))):
         with contextlib.suppress(FileNotFoundError):  # a part that has just been retired
             yield LogReader(path, OWNER_BYTES if path.name == RECORDING else 0)
 

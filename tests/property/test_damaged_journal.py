@@ -11,6 +11,7 @@ import shutil
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,10 +80,9 @@ def record_on(folder: Path, kind: Kind, shift_ns: int) -> None:
 
 def is_caught_up(path: Path, frames: int) -> bool:
     """Whether the session file has all samples."""
-    if not path.exists():
-        return False
-    with open_session(path) as session:
+    with suppress(SessionError), open_session(path) as session:
         return min(session.count("camera"), session.count("lux")) == frames
+    return False  # not made yet, or not yet open to readers
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,7 @@ class Vandal:
         self.chance = chance
         self.deeds: list[str] = []
         self.can_be_told = True
+        self._foreign_files = 0
 
     def strike(self) -> None:
         ways = (
@@ -183,6 +184,12 @@ class Vandal:
         )
         self.store(name, result, f"{deed} {start}+{size}")
 
+    def somebody(self, *others: str) -> str:
+        """Whose file comes in; a stranger's once, as without the session file most of the others decide."""
+        whose = self.chance.choice(others[: len(others) - self._foreign_files])
+        self._foreign_files += whose.startswith("stranger")
+        return whose
+
     def cut(self) -> None:
         """Where a record begins: nothing of it is left."""
         name = self.chance.choice([name for name in self.recording.contents if name.endswith(".log")])
@@ -200,15 +207,14 @@ class Vandal:
 
     def replace(self) -> None:
         """By the same file of another session, or as it was while it was recorded."""
-        whose = self.chance.choice(["stranger/now", "own/older"])
-        name = self.victim()
+        whose, name = self.somebody("own/older", "stranger/now"), self.victim()
         is_told = name != FILE or whose == "own/older"  # the file of another session is that session
         if is_told and (data := self.recording.other(whose, name)):
             self.store(name, data, f"of {whose}")
 
     def repeat(self) -> None:
         """A part stands there a second time, or one of another session or as it was beside it."""
-        whose = self.chance.choice(["own/now", "stranger/now", "own/older"])
+        whose = self.somebody("own/now", "own/older", "stranger/now")
         if data := self.recording.other(whose, self.chance.choice(self.recording.parts)):
             self.store(
                 f"{FOLDER}/{self.chance.choice(['000000', '000099', 'copy'])}.log", data, f"of {whose}"
