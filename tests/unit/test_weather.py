@@ -231,10 +231,8 @@ def test_bsrn_minute_that_stands_twice_counts_once(tmp_path):
 def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path):
     """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
     lines = foreign_files.surfrad().decode().splitlines()
-    rows = [
-        line.replace(f" 19 {n:2} 19.{n:03}", f" 19 {3 * n:2} 19.{5 * n:02}")
-        for n, line in enumerate(lines[2:])
-    ]
+    stamps = [(f" 19 {n:2} 19.{n:03}", f" 19 {3 * n:2} 19.{5 * n:02}") for n in range(len(lines) - 2)]
+    rows = [line.replace(*stamp) for line, stamp in zip(lines[2:], stamps, strict=True)]
     (tmp_path / "slv08001.dat").write_text("\n".join([*lines[:2], *rows]))
     day = read_station_file(tmp_path / "slv08001.dat")
     middles = np.array(

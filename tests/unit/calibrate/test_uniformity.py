@@ -36,10 +36,8 @@ def test_views_of_two_cameras_or_ranges_are_not_averaged(other):
 
 def test_three_blocks_of_a_board_state_an_offset_that_holds_the_truth_19_times_of_20(monkeypatch):
     """Student's t, JCGM 100 G.3: without its factor k = 2 held it 4 times of 5."""
-    regions = [
-        SimpleNamespace(name="flat", kind=RegionKind.REFERENCE),
-        SimpleNamespace(name="b15", kind=None),
-    ]
+    kinds = {"flat": RegionKind.REFERENCE, "b15": None}
+    regions = [SimpleNamespace(name=name, kind=kind) for name, kind in kinds.items()]
     random, held = np.random.default_rng(2), []
     for _ in range(500):
         series = SimpleNamespace(

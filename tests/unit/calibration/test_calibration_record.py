@@ -140,6 +140,7 @@ CAMERA = StreamInfo(
     model="Lepton", serial_number="12", settings={"gain": "high"},
 )  # fmt: skip
 LUX = StreamInfo("lux", "illuminance", "lx", (1,), model="LX-1128SD")
+BARE = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test")
 OF_CAMERA = CalibrationRecord(
     "emissivity", "sand", EARLIER, 0.9, 0.01, "1", "test",
     instrument=instrument_of(CAMERA), expires=expiry("emissivity", EARLIER),
@@ -166,31 +167,24 @@ def test_age_and_mismatch_are_warnings(streams, days, said):
     assert said in told
 
 
-def test_a_scale_of_another_surface_model_is_a_warning():
-    scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details={"model": "paper"})
-    (told,) = model_warnings(scale, "learned", "eq10")
-    assert told.startswith("beds ")
-    assert "paper" in told
-    assert "learned" in told
-    assert model_warnings(scale, "paper", "eq10") == []
-    assert model_warnings(replace(scale, details={}), "learned", "") == []  # older records do not state it
-
-
-def test_a_scale_for_other_light_is_a_warning():
+def test_a_scale_of_another_surface_model_or_for_other_light_is_a_warning():
     """kappa holds for one surface model and one irradiance: eq. (10) and a calibrated meter differ by 2 %."""
     details = {"model": "paper", "irradiance": "eq10 /0.44, diffuse 15%, horizontal"}
-    scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details=details)
+    scale = replace(BARE, details=details)
     assert model_warnings(scale, "paper", details["irradiance"]) == []
-    (told,) = model_warnings(scale, "paper", "pyranometer")
-    assert details["irradiance"] in told
-    assert "pyranometer" in told
+    for model, light, names in (
+        ("learned", details["irradiance"], ("paper", "learned")),
+        ("paper", "pyranometer", (details["irradiance"], "pyranometer")),
+    ):
+        (warning,) = model_warnings(scale, model, light)
+        assert warning.startswith("beds ")
+        assert all(name in warning for name in names)
+    assert model_warnings(BARE, "learned", "") == []  # a record need not state it
 
 
 def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
     """It was said to be made with the light meter where the camera is."""
-    of_lux = CalibrationRecord(
-        "irradiance", "roof", EARLIER, 0.009, 0.0002, "1", "test", instrument=instrument_of(LUX)
-    )
+    of_lux = replace(BARE, kind="irradiance", name="roof", instrument=instrument_of(LUX))
     assert record_warnings(of_lux, [CAMERA, replace(LUX, name="light")], EARLIER) == []
     (told,) = record_warnings(of_lux, [CAMERA], EARLIER)
     assert told.startswith("roof ")
@@ -198,8 +192,7 @@ def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
 
 
 def test_a_record_without_an_instrument_fits_any():
-    bare = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test")
-    assert record_warnings(bare, [CAMERA], EARLIER) == []
+    assert record_warnings(BARE, [CAMERA], EARLIER) == []
 
 
 @pytest.mark.parametrize(

@@ -62,12 +62,8 @@ def clear_day(site, date, turbidity):
     return times[up], lux[up], np.degrees(np.arcsin(height[up]))
 
 
-WINDOWS = {
-    "from sunrise": slice(0, 180),
-    "to sunset": slice(-180, None),
-    "the morning": slice(60, 300),
-    "all day": slice(None),
-}
+MORNING, EVENING = slice(0, 180), slice(-180, None)
+WINDOWS = {"sunrise": MORNING, "sunset": EVENING, "the morning": slice(60, 300), "all day": slice(None)}
 
 
 # each place with one part of its days, and all parts of them in make test-slow

@@ -63,10 +63,8 @@ def test_stated_uncertainties_are_those_of_noisy_marks():
 @pytest.mark.parametrize(
     ("count", "hfov_deg"),
     [
-        (4, 50.0),
-        (5, 50.0),
-        (6, 50.0),
-        *(pytest.param(count, None, marks=pytest.mark.slow) for count in (4, 5)),
+        *((count, 50.0) for count in (4, 5, 6)),
+        *(pytest.param(n, None, marks=pytest.mark.slow) for n in (4, 5)),
     ],
 )
 def test_twice_the_standard_uncertainty_covers_the_truth_with_few_points(count, hfov_deg):

@@ -71,10 +71,8 @@ def test_an_uncertain_layer_is_the_difference_that_another_layer_would_make(hist
     slab = Slab(depth_m=0.03)
     full = {"model": "full", "slab": slab, "conductivity_sd": 0.3, "capacity_sd": 0.2}
     found = made(warming, **full)
-    others = (
-        replace(slab, conductivity_w_m_k=1.3 * slab.conductivity_w_m_k),
-        replace(slab, heat_capacity_j_m3_k=1.2 * slab.heat_capacity_j_m3_k),
-    )
+    conductivity, capacity = 1.3 * slab.conductivity_w_m_k, 1.2 * slab.heat_capacity_j_m3_k
+    others = replace(slab, conductivity_w_m_k=conductivity), replace(slab, heat_capacity_j_m3_k=capacity)
     for effect, other in zip(found.systematics[3:, :, 0], others, strict=True):
         moved = made(warming, **{**full, "slab": other}).y[:, 0] - found.y[:, 0]
         assert np.abs(moved).max() > 1e-4

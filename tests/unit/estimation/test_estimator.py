@@ -7,6 +7,7 @@ import pytest
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
@@ -31,6 +32,11 @@ def with_frames(yard, samples, change, after_min=0.0):
         else s
         for s in samples
     ]
+
+
+def with_readings(yard, minutes, change):
+    """Samples of some minutes with other readings of the light meter."""
+    return [change(s) if s.stream == "lux" else s for s in yard.samples(minutes)]
 
 
 def by_name(minute: Minute) -> dict:
@@ -168,12 +174,9 @@ def test_tilted_reference_and_several_references(yard):
     leaning = Region("leaning", RegionKind.REFERENCE, yard.beds[2].vertices, 17.0, 250.0)
     beds = (yard.beds[0], yard.beds[1], leaning, yard.beds[3])
     for chosen in (beds, beds[1:]):
-        minute = last_of(
-            replace(yard, beds=chosen),
-            replace(yard, beds=chosen).samples(61),
-            EstimatorSettings(model="paper", window_s="weather"),
-        )
-        found = by_name(minute)["b08"]
+        some = replace(yard, beds=chosen)
+        settings = EstimatorSettings(model="paper", window_s="weather")
+        found = by_name(last_of(some, some.samples(61), settings))["b08"]
         assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(8.0, 140.0)) < 0.3
 
 
@@ -235,10 +238,7 @@ def test_flagged_pictures_are_held_out_but_not_forgotten(yard, flag):
 
 
 def test_overrange_light_is_no_light(yard):
-    samples = [
-        s._replace(quality=Quality.OVERRANGE) if isinstance(s, Reading) else s for s in yard.samples(21)
-    ]
-    minute = last_of(yard, samples)
+    minute = last_of(yard, with_readings(yard, 21, lambda s: s._replace(quality=Quality.OVERRANGE)))
     assert minute.estimates[0].state == SlopeState.NO_DATA
     assert "irradiance" in minute.estimates[0].reason
     assert np.isnan(minute.dni_w_m2)
@@ -253,12 +253,8 @@ def test_night_is_low_sun_not_an_error(yard):
 
 
 def test_pyrheliometer_stream_replaces_lux(yard):
-    from fieldkit.model.device import StreamInfo
-
     beam = (yard.streams[0], StreamInfo("beam", "irradiance", "W m-2", (1,), measures=("dni",)))
-    samples = [
-        Reading("beam", s.mono_ns, s.time_ns, (800.0,)) if s.stream == "lux" else s for s in yard.samples(21)
-    ]
+    samples = with_readings(yard, 21, lambda s: Reading("beam", s.mono_ns, s.time_ns, (800.0,)))
     minute = last_of(replace(yard, streams=beam), samples)
     assert minute.dni_w_m2 == pytest.approx(800.0)
     assert minute.irradiance_model.startswith("pyrheliometer")
@@ -267,15 +263,11 @@ def test_pyrheliometer_stream_replaces_lux(yard):
 
 def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
     """Taken for direct irradiance, its readings made a bed of 15 degrees steeper than 45."""
-    from fieldkit.model.device import StreamInfo
-
     whole = StreamInfo("whole", "irradiance", "W m-2", (1,), measures=("ghi",))
-    samples = [
-        Reading("whole", s.mono_ns, s.time_ns, (s.values[0] / (0.44 * 4.57 * 54.0),))
-        if s.stream == "lux"
-        else s
-        for s in yard.samples(21)
-    ]
+    lux_per_w_m2 = 0.44 * 4.57 * 54.0
+    samples = with_readings(
+        yard, 21, lambda s: Reading("whole", s.mono_ns, s.time_ns, (s.values[0] / lux_per_w_m2,))
+    )
     minute = last_of(replace(yard, streams=(yard.streams[0], whole)), samples)
     assert minute.dni_w_m2 == pytest.approx(800.0, rel=1e-3)
     assert minute.irradiance_model.split(", ") == ["pyranometer", "diffuse 15%", "horizontal"]
@@ -343,12 +335,10 @@ def test_minutes_in_which_regions_are_lost_change_no_slope(yard, model, to_deg):
     def is_of_moved(s):
         return isinstance(s, Frame) and (s.time_ns - yard.start_ns) // MINUTE_NS in moved
 
-    shifted = [
-        s._replace(counts=np.roll(s.counts, (10, 30), (0, 1)))
-        if is_of_moved(s) and s.time_ns >= kicked_ns
-        else s
-        for s in samples
-    ]
+    def kicked(s):
+        return s._replace(counts=np.roll(s.counts, (10, 30), (0, 1)))
+
+    shifted = [kicked(s) if is_of_moved(s) and s.time_ns >= kicked_ns else s for s in samples]
     settings = EstimatorSettings(model=model, azimuth="known")
     minutes = measured(yard, shifted)
     found = by_name(last_of(yard, shifted, settings))

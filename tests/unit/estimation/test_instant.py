@@ -88,11 +88,9 @@ def minute(time_ns: int, *normals, flags: int = 0) -> History:
 
 
 def estimate(history: History, settings: EstimatorSettings, azimuth_deg: float = float("nan")):
-    regions = (
-        Region("flat", RegionKind.REFERENCE, ((0, 0),), 0.0, 0.0),
-        Region("bed", RegionKind.TARGET, ((0, 0),), azimuth_deg=azimuth_deg),
-    )
-    (found,) = SlopeChain(regions, settings).at(history).slopes
+    flat = Region("flat", RegionKind.REFERENCE, ((0, 0),), 0.0, 0.0)
+    bed = Region("bed", RegionKind.TARGET, ((0, 0),), azimuth_deg=azimuth_deg)
+    (found,) = SlopeChain((flat, bed), settings).at(history).slopes
     return found
 
 

@@ -256,14 +256,9 @@ def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
     streams = (radiation("slv-diffuse", "dhi", 1 / 60), radiation("slv-global", "ghi", 1 / 60))
     binner = Binner(day.site, (), streams, EstimatorSettings())
     columns = {"slv-diffuse": day.dhi_w_m2, "slv-global": day.ghi_w_m2}
-    bins, _ = closed_bins(
-        binner,
-        (
-            (name, at_ns, float(values[row]))
-            for row, at_ns in enumerate(day.time_ns.tolist())
-            for name, values in columns.items()
-        ),
-    )
+    rows = enumerate(day.time_ns.tolist())
+    samples = ((name, at_ns, float(column[row])) for row, at_ns in rows for name, column in columns.items())
+    bins, _ = closed_bins(binner, samples)
     high = np.array([entry.sun[2] > 0.35 for entry in bins])
     ratio = np.array([entry.dni_w_m2 for entry in bins])[high] / day.dni_w_m2[high]
     assert high.sum() > 200
@@ -330,12 +325,7 @@ def test_hourly_means_of_a_station_do_not_take_the_place_of_a_light_meter():
         (LUX, {"light_stream": "kipp"}, "irradiance.stream", "lux"),
         (LUX, {"measures": {"lux": "ghi"}}, "irradiance.measures.lux", "irradiance.model"),
         (radiation("k", "gti"), {}, "irradiance.mounting", "plane_tilt_deg"),
-        (
-            GLOBAL,
-            {"irradiance": IrradianceModel("pyrheliometer")},
-            "irradiance.model",
-            "irradiance.measures.k",
-        ),
+        (GLOBAL, {"irradiance": IrradianceModel("pyrheliometer")}, "irradiance.model", "measures.k"),
         (GLOBAL, {"irradiance": IrradianceModel(diffuse="none")}, "irradiance.diffuse", "erbs"),
     ],
 )

@@ -267,13 +267,8 @@ def test_flat_pixels_are_flat_and_face_nowhere():
 
 def test_a_wide_region_is_uncertain_and_systematics_widen_it():
     sums = summed(np.broadcast_to(normal(15.0, 90.0), (10, 10, 3)), sun_from(MORNING, 180))
-    settings = (
-        NOISE_ALONE,
-        replace(NOISE_ALONE, scale_sd=0.2),
-        replace(NOISE_ALONE, offset_sd_k=0.5),
-        replace(NOISE_ALONE, drift_sd_k_per_h=0.5),
-    )
-    found = [bounded(sums, one) for one in settings]
+    uncertain = ({}, {"scale_sd": 0.2}, {"offset_sd_k": 0.5}, {"drift_sd_k_per_h": 0.5})
+    found = [bounded(sums, replace(NOISE_ALONE, **more)) for more in uncertain]
     widths = [float(np.median(bounds.tilt_high_deg - bounds.tilt_low_deg)) for _, bounds in found]
     assert (found[0][0].state == SlopeState.OK).all()
     assert all(width > 1.2 * widths[0] for width in widths[1:])

@@ -74,10 +74,8 @@ def test_a_beds_own_uncertain_emissivity_costs_what_an_offset_of_its_kelvin_cost
     bed_k = surface_temperature(800.0 * 0.8, 400.0, 303.15, SurfaceParameters())  # some 640 W/m2 on it
     kelvin = 0.004 * abs(float(kelvin_per_emissivity(bed_k, 0.90, 233.15)))
     yard = with_its_own_emissivity(yard)
-    alone, uncertain, offset = (
-        slopes(yard, model=model, **more)
-        for more in ({}, {"own_emissivity_sd": {"b17": 0.004}}, {"offset_sd_k": kelvin})
-    )
+    stated = ({}, {"own_emissivity_sd": {"b17": 0.004}}, {"offset_sd_k": kelvin})
+    alone, uncertain, offset = (slopes(yard, model=model, **more) for more in stated)
     assert half_width(uncertain["b08"]) == pytest.approx(half_width(alone["b08"]), abs=1e-9)
     assert uncertain["b17"].tilt_deg == pytest.approx(alone["b17"].tilt_deg, abs=1e-9)
     assert half_width(uncertain["b17"]) > 1.5 * half_width(alone["b17"])
@@ -128,10 +126,7 @@ def test_an_offset_of_brightness_leaves_nothing(own, used):
     settings = EstimatorSettings(model="paper", offsets_k={"b15": 1.0, "flat": 1.0})
     assert settings.surface.emissivity == 0.90
     reflected = settings.reflected_temperature_k
-    regions = (
-        Region("flat", RegionKind.REFERENCE, CORNERS),
-        Region("b15", RegionKind.TARGET, CORNERS, emissivity=own),
-    )
+    regions = FLAT, replace(BED, emissivity=own)
     true = np.array([[295.0, 300.0], [296.0, 305.0]])
     seen = true.copy()
     seen[:, 1] = surface_temperature_k(

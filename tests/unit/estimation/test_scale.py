@@ -34,10 +34,8 @@ def test_stated_uncertainty_of_the_scale_is_its_scatter():
     rays, bed, random = sun(60), normal(17.0, 180.0), np.random.default_rng(2)
     clean = rays @ (bed - VERTICAL) + rays[:, 2]
     sigma = np.full(60, SIGMA)
-    fits = [
-        scale_from_known_bed(rays, clean + SIGMA * random.standard_normal(60), sigma, VERTICAL, bed)
-        for _ in range(300)
-    ]
+    noisy = clean + SIGMA * random.standard_normal((300, 60))
+    fits = [scale_from_known_bed(rays, measured, sigma, VERTICAL, bed) for measured in noisy]
     assert np.mean([fit.kappa for fit in fits]) == pytest.approx(1.0, abs=0.002)
     assert np.std([fit.kappa for fit in fits]) == pytest.approx(fits[0].kappa_sd, rel=0.25)
 

@@ -20,11 +20,8 @@ def terrain():
     ridge_slope = -ridge * (across - 5.0) / 9.0 / np.sqrt(2.0)
     away = np.hypot(EAST - 15.0, NORTH - 32.0)
     crater = -1.5 * gaussian(away, 4.0)
-    return (
-        ridge + crater,
-        ridge_slope - crater * (EAST - 15.0) / 16.0,
-        -ridge_slope - crater * (NORTH - 32.0) / 16.0,
-    )
+    east, north = crater * (EAST - 15.0) / 16.0, crater * (NORTH - 32.0) / 16.0
+    return ridge + crater, ridge_slope - east, -ridge_slope - north
 
 
 def normals_of(towards_east, towards_north):

@@ -85,10 +85,8 @@ def test_lower_neighbours_hide_nothing():
 
 
 def test_of_two_horizons_the_higher_one_counts_at_every_azimuth():
-    ridge, bank = (
-        [(0.0, 10.0), (180.0, 0.0)],
-        [(90.0, 20.0), (90.1, 0.0), (270.0, 0.0), (269.9, 0.0), (89.9, 0.0)],
-    )
+    ridge = [(0.0, 10.0), (180.0, 0.0)]
+    bank = [(90.0, 20.0), (90.1, 0.0), (270.0, 0.0), (269.9, 0.0), (89.9, 0.0)]
     found = higher_horizon(ridge, bank)
     assert horizon_elevation(found, [0.0, 90.0, 180.0]).tolist() == pytest.approx([10.0, 20.0, 0.0])
     assert higher_horizon(ridge, ()) == ridge

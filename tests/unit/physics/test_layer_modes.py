@@ -85,11 +85,8 @@ def test_stores_follow_a_fine_grid_under_a_changing_flux(depth_m):
     found = np.convolve(flux, response)[: flux.size]
     # less than 30 s apart neither is exact: backward Euler smears, the resistance acts at once
     smooth = np.ones(12) / 12.0
-    np.testing.assert_allclose(
-        np.convolve(found, smooth, "valid"),
-        np.convolve(surface, smooth, "valid"),
-        atol=STATED * np.max(surface),
-    )
+    found, expected = (np.convolve(series, smooth, "valid") for series in (found, surface))
+    np.testing.assert_allclose(found, expected, atol=STATED * np.max(surface))
 
 
 def test_layers_do_not_influence_each_other():

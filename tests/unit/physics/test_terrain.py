@@ -18,12 +18,8 @@ def test_slope_and_heading_of_hand_computed_normals():
 
 @pytest.mark.parametrize(
     ("azimuth", "expected"),
-    [
-        (90.0, -36.8698976),
-        (270.0, 36.8698976),
-        (0.0, 0.0),
-        (36.8698976, -24.2277453),
-    ],  # arctan(0.6 * 0.6 / 0.8)
+    # the last is arctan(0.6 * 0.6 / 0.8)
+    [(90.0, -36.8698976), (270.0, 36.8698976), (0.0, 0.0), (36.8698976, -24.2277453)],
 )
 def test_a_drive_climbs_against_the_way_the_ground_faces(azimuth, expected):
     assert climb_deg(FACING_EAST, azimuth) == pytest.approx(expected, abs=1e-6)

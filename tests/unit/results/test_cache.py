@@ -16,8 +16,8 @@ def test_what_was_stored_is_found_to_the_bit(tmp_path):
     Cache(tmp_path).store("abc", arrays)
     found = Cache(tmp_path).load("abc")
     assert found is not None
-    assert {name: value.tobytes() for name, value in found.items()} == {
-        name: value.tobytes() for name, value in arrays.items()
+    assert {name: found[name].tobytes() for name in found} == {
+        name: arrays[name].tobytes() for name in arrays
     }
 
 
@@ -26,12 +26,8 @@ def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
     cache.store("abc", {"x": np.arange(100.0)})
     (entry,) = tmp_path.rglob("*.arrays")
     whole = entry.read_bytes()
-    for damaged in (
-        b"",
-        whole[: len(whole) // 2],
-        b"PK" + bytes(50),
-        whole[:200] + b"\xff" * 40 + whole[240:],
-    ):
+    overwritten = whole[:200] + b"\xff" * 40 + whole[240:]
+    for damaged in (b"", whole[: len(whole) // 2], b"PK" + bytes(50), overwritten):
         entry.write_bytes(damaged)
         assert cache.load("abc") is None
     assert cache.load("never stored") is None
@@ -87,10 +83,8 @@ def fresh_version():
 
 @pytest.mark.parametrize("package", ["numpy", "scipy", "astropy", "h5py"])
 def test_results_of_other_libraries_are_not_found(monkeypatch, fresh_version, package):
-    before, genuine = fresh_version(), cache_module.metadata.version
-    monkeypatch.setattr(
-        cache_module.metadata, "version", lambda name: "0.1" if name == package else genuine(name)
-    )
+    before, of = fresh_version(), cache_module.metadata.version
+    monkeypatch.setattr(cache_module.metadata, "version", lambda name: "0.1" if name == package else of(name))
     assert fresh_version() != before
 
 

@@ -125,11 +125,8 @@ def test_kept_minutes_hold_air_and_probes_as_they_were_live(recording):
     path, site, regions, streams, samples = recording
     with open_session(path) as session:
         settings = config_for(session).estimator_settings()
-    assert settings.probes == {
-        "flat": ("thermometer:T1",),
-        "b05": ("thermometer:T2",),
-        "b15": ("thermometer:T3",),
-    }
+    probes = {"flat": "thermometer:T1", "b05": "thermometer:T2", "b15": "thermometer:T3"}
+    assert settings.probes == {region: (probe,) for region, probe in probes.items()}
     estimator = Estimator(site, regions, streams, settings)
     for sample in samples:
         estimator.add(sample)

@@ -26,10 +26,8 @@ POSE_ERROR_DEG = 0.2
 def recorded(folder, minutes, *settings, tables=SIMULATED):
     create_campaign(folder, tables)
     paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
-    with prepare(
-        load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings]),
-        RecordOptions(duration_s=60.0 * minutes),
-    ) as ready:
+    config = load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings])
+    with prepare(config, RecordOptions(duration_s=60.0 * minutes)) as ready:
         done = ready.run()
     assert done.summary.failure is None
     return done.path
@@ -44,11 +42,8 @@ def on_the_ground(folder, minutes, start_ns=ALAMOSA_NOON_NS):
         for region in SIMULATED["region"]
         for corners in [on_ground(region["points_px"])]
     ]
-    return {
-        **SIMULATED,
-        "camera": {**SIMULATED["camera"], "pose": {**LENS, "trajectory": "run.tum"}},
-        "region": regions,
-    }
+    camera = {**SIMULATED["camera"], "pose": {**LENS, "trajectory": "run.tum"}}
+    return {**SIMULATED, "camera": camera, "region": regions}
 
 
 @pytest.fixture(scope="module", params=[24, pytest.param(180, marks=pytest.mark.slow)])

@@ -173,10 +173,8 @@ BED = Region("b15", RegionKind.TARGET, ((0.0, 0.0),), 15.0, 180.0)
 
 
 def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
-    estimates = [
-        SlopeEstimate(minute * 60 * 10**9, region.name, state, tilt)
-        for minute, (state, tilt) in enumerate(found)
-    ]
+    rows = enumerate(found)
+    estimates = [SlopeEstimate(n * 60 * 10**9, region.name, state, tilt) for n, (state, tilt) in rows]
     rows = Estimates.of(estimates, {"temperature_k": 300.0, "irradiance_w_m2": 800.0}, (region,))
     path = Path("day.h5")
     table = SweepTable(read_grid([]), {path: "day"})

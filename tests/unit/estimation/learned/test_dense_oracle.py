@@ -147,11 +147,8 @@ def own_modes(settings, layout, region):
     inertia, depth = np.sqrt(own.conductivity_w_m_k * own.heat_capacity_j_m3_k), own.depth_m
     if f"bed{region - layout.references}" not in settings.kinds:
         inertia, depth = slab.thermal_inertia, slab.depth_m
-    return layer_modes(
-        DRAWN.inertia * inertia / slab.thermal_inertia,
-        DRAWN.depth_m * depth / slab.depth_m,
-        slab.heat_capacity_j_m3_k,
-    )
+    inertia, depth = DRAWN.inertia * inertia / slab.thermal_inertia, DRAWN.depth_m * depth / slab.depth_m
+    return layer_modes(inertia, depth, slab.heat_capacity_j_m3_k)
 
 
 class Unknowns:
@@ -384,10 +381,8 @@ def agree(filters, lasting, of_session, mean, covariance):
         return rows
 
     gain = slice(layout.place("gain"), layout.place("gain") + 1)
-    expected, variance = (
-        scaled("gain", gain) @ mean,
-        scaled("gain", gain) @ covariance @ scaled("gain", gain).T,
-    )
+    by_unknowns = scaled("gain", gain)
+    expected, variance = by_unknowns @ mean, by_unknowns @ covariance @ by_unknowns.T
     assert filters.mean[0, gain] == pytest.approx(expected, abs=1e-5 * np.sqrt(variance[0, 0]))
     assert filters.covariance[0, gain, gain] == pytest.approx(variance, rel=1e-5)
     for target, axes in enumerate(layout.facing):
