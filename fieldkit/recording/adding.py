@@ -45,7 +45,7 @@ class Question:
         """Raises `ConfigError` with the argument that states it."""
         options = {"driver": self.stated, self.key: "X"}  # the driver is the key where it is not known
         fix = Action.ADD_DEVICES(stated={id_of(self.device): options})
-        raise ConfigError(f"{self} is not known", fix=fix + f", where X is {', '.join(self.choices)}")
+        raise ConfigError("not known", place=str(self), fix=fix + f", where X is {', '.join(self.choices)}")
 
 
 Ask = Callable[[Question], str]
@@ -110,7 +110,7 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
 
 def _not_connected(identity: str) -> DeviceNotFoundError:
     fix = Action.FIND_DEVICES() + " shows the identities of what is connected"
-    return DeviceNotFoundError(f"no instrument {identity} is connected", fix=fix)
+    return DeviceNotFoundError("no such instrument is connected", place=identity, fix=fix)
 
 
 def id_of(device: ConnectedDevice) -> str:
@@ -121,7 +121,7 @@ def id_of(device: ConnectedDevice) -> str:
 def _config(file: Path) -> Config:
     config = load_config(file)
     if any(device.port == SIMULATED for device in config.devices):
-        raise ConfigError(f"the instruments of {file} are simulated", fix="create another campaign")
+        raise ConfigError("its instruments are simulated", place=file, fix="create another campaign")
     return config
 
 
@@ -168,7 +168,7 @@ def _declaration(
         if info.unit:
             return settings, info
         if not needs:
-            raise ConfigError(f"{driver} on {id_of(device)}: {UNKNOWN_UNIT}", fix=STATE_UNIT)
+            raise ConfigError(UNKNOWN_UNIT, place=f"{driver} on {id_of(device)}", fix=STATE_UNIT)
     options = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
     return _declaration(device, replace(settings, options={**settings.options, **options}), ask)
 

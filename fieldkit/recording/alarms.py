@@ -40,7 +40,7 @@ def _sensors(config: Config, streams: Sequence[StreamInfo], outputs: Sequence[Al
     broker = next((output for output in outputs if isinstance(output, MqttOutput)), None)
     if broker is None:
         fix = "write mqtt://HOST/TOPIC into the file that alarms.services_file names"
-        raise ConfigError("alarms.home_assistant needs the broker of Home Assistant", fix=fix)
+        raise ConfigError("needs the broker of Home Assistant", place="alarms.home_assistant", fix=fix)
     title = config.campaign.title or config.directory.name
     return HomeAssistant(broker.base, title, streams, least_sent(config))
 

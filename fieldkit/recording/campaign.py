@@ -20,6 +20,7 @@ from fieldkit.config.edit import editing
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 from fieldkit.drivers.instrument import Instrument
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, zone_by_longitude
 from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_devices
 from fieldkit.recording.opening import open_instruments
@@ -274,9 +275,13 @@ def init_campaign(
     'America/Denver'
     """
     if simulated and (site or timezone):
-        raise ConfigError("a simulated campaign brings its own site: omit site and timezone")
+        raise ConfigError(
+            "brings its own site",
+            place=Argument("simulated"),
+            fix="omit " + Argument("site") + " and " + Argument("timezone"),
+        )
     if timezone and site is None:
-        raise ConfigError("a time zone needs a site")
+        raise ConfigError("needs a site", place=Argument("timezone"), fix=Argument("site"))
     if simulated:
         return create_campaign(folder, SIMULATED)
     return create_campaign(folder, {"site": PAPER_SITE if site is None else _site_table(site, timezone)})
@@ -300,7 +305,7 @@ def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:
         if not ignore.exists():
             ignore.write_text(GITIGNORE, encoding="utf-8")
     except OSError as error:
-        raise StorageError(f"cannot make a campaign in {folder}: {error.strerror}") from error
+        raise StorageError(f"cannot make a campaign: {error.strerror}", place=folder) from error
     return Campaign(load_config(file))
 
 

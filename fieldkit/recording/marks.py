@@ -14,6 +14,7 @@ from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
 from fieldkit.model.marks import Mark, When, shade_test
+from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox, send_to_recorder
 from fieldkit.recording.running import session_in_progress
@@ -52,7 +53,9 @@ def mark_of(
     reject_impossible(mark, now)
     if longest is not None:
         if test is None or test[1] == "end" or to is not None:
-            raise ConfigError("only a shade test that begins, without an interval, has a longest duration")
+            raise ConfigError(
+                "only a shade test that begins, without an interval, has one", place=Argument("longest")
+            )
         mark = replace(mark, longest_s=parse_duration(longest))
     return mark, "" if test is None else _effect(mark, *test, now)
 

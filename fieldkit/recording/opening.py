@@ -72,6 +72,7 @@ def open_instruments(
     if not config.devices:
         raise ConfigError(
             "no instruments are configured",
+            place=config.path,
             fix=Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml",
         )
     free_here = partial(free_bytes, config.recordings)

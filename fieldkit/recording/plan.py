@@ -77,7 +77,8 @@ class PlanOptions:
         for name, value in asdict(self).items():
             if value is not None and not (isfinite(value) and (value > 0.0 or name == "air_c")):
                 raise ConfigError(
-                    f"{name} = {value} cannot be planned with",
+                    f"{value} cannot be planned with",
+                    place=Argument(name),
                     fix="give a finite number, above 0 but for the air",
                 )
 
@@ -222,7 +223,8 @@ class MeasuringPlan:
             return utc_ns(datetime.combine(self.day, at, formatting.zone(self.site)))
         if plan.best_row is None:
             raise NoAnswerError(
-                f"no window of {options.window_min} min on {self.day} is usable",
+                f"no window of {options.window_min} min is usable",
+                place=f"{self.day}",
                 fix="choose another day, or a shorter window",
             )
         first = int(plan.time_ns[plan.rows[plan.best_row]])
@@ -356,7 +358,7 @@ def plan(
         light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
     found = plan_day(facets, time_ns, sun, light, settings, options.step_min)
     if not found.rows.size:
-        raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
+        raise NoAnswerError("the sun does not rise at this site", place=f"{day}", fix="choose another day")
     return MeasuringPlan(site, day, options, found, estimator or _default_settings(site))
 
 
@@ -375,7 +377,9 @@ def _day(day: date | str | None, site: Site) -> date:
     try:
         return date.fromisoformat(day) if isinstance(day, str) else day
     except ValueError as error:
-        raise ConfigError(f"{day!r} is not a date", fix='give one such as "2026-12-11"') from error
+        raise ConfigError(
+            f"{day!r} is not a date", place=Argument("day"), fix='give one such as "2026-12-11"'
+        ) from error
 
 
 def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
@@ -387,7 +391,7 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
     )
     if not known:
         raise ConfigError(
-            "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix=Argument("facets")
+            "no target has a tilt and an azimuth to plan for", place=config.path, fix=Argument("facets")
         )
     return known
 

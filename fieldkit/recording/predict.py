@@ -12,6 +12,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
@@ -84,13 +85,18 @@ def predict(
     most = (last_ns - start_ns) // MINUTE_NS
     if minutes is not None and most > 0 and not 1 <= minutes <= most:
         raise ConfigError(
-            f"the weather gives 1 to {most} min from the start on, not {minutes}",
+            f"the weather gives 1 to {most} from the start on, not {minutes}",
+            place=Argument("minutes"),
             fix="give fewer minutes, or an earlier start",
         )
     with_air = estimator.prior.exchange_w_m2_k if exchange is None else exchange
     by_wind = with_air if isinstance(with_air, Exchange) else Exchange(with_air, 0.0)
     if not (by_wind.still_w_m2_k >= 0.0 and by_wind.per_wind >= 0.0):
-        raise ConfigError(f"{by_wind} is not an exchange with the air", fix="give numbers of 0 or more")
+        raise ConfigError(
+            f"{by_wind} is not an exchange with the air",
+            place=Argument("exchange"),
+            fix="give numbers of 0 or more",
+        )
     model = expected_field(weather.site, MeasuredSky(weather), facets, estimator, by_wind)
     return field_minutes(model, start_ns, minutes or max(most, 1))
 
@@ -101,7 +107,9 @@ def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, 
     wrong = [facet for facet in pairs if not (0.0 <= facet[0] <= 90.0 and -360.0 <= facet[1] <= 360.0)]
     if wrong or not pairs:
         what = "{}°/{}° is not a facet".format(*wrong[0]) if wrong else "there is no facet"
-        raise ConfigError(what, fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°")
+        raise ConfigError(
+            what, place=Argument("facets"), fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°"
+        )
     return pairs
 
 

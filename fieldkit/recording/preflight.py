@@ -85,7 +85,8 @@ def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify
         rows, cols = shapes[region.camera]
         if not region.is_within((rows, cols)):
             raise ConfigError(
-                f"region {region.name!r} reaches outside the frame of {cols} x {rows} pixels",
+                f"reaches outside the frame of {cols} x {rows} pixels",
+                place=f"region {region.name}",
                 fix="correct its points_px in fieldkit.toml",
             )
 

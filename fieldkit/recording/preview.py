@@ -138,7 +138,8 @@ def usable_frame(instruments: Instruments) -> Frame:
             if frame is not None and is_showable(frame.quality):
                 return frame
     raise DeviceTimeoutError(
-        f"no usable frame arrived from the camera within {FRAME_WITHIN_S:.0f} s",
+        f"no usable frame arrived within {FRAME_WITHIN_S:.0f} s",
+        place=camera.info.name,
         fix="unplug the camera and plug it in again",
     )
 

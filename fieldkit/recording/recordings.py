@@ -108,14 +108,14 @@ def _check_name(name: str) -> None:
     size = len(name.encode(errors="replace"))
     plain = _UNFIT.sub("-", name.encode(errors="replace")[:NAME_BYTES].decode(errors="ignore"))
     if size > NAME_BYTES:
-        what = f"the name has {size} bytes, and may have {NAME_BYTES}"
+        what = f"has {size} bytes, and may have {NAME_BYTES}"
     elif "/" in name or "\\" in name:
-        what = f"the name {name!r} has a slash"
+        what = f"{name!r} has a slash"
     elif _UNFIT.search(name):
-        what = f"the name {name!r} has a character that is not text"
+        what = f"{name!r} has a character that is not text"
     else:
         return
-    raise ConfigError(what, fix=Argument("name", plain))
+    raise ConfigError(what, place=Argument("name"), fix=Argument("name", plain))
 
 
 def _free_path(path: Path) -> Path:

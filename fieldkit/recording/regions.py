@@ -72,7 +72,11 @@ def add_region(
         The region or the configuration with it would be invalid; nothing is written.
     """
     if (len(points) > 0) == (rect is not None):
-        raise ConfigError("a region needs its corners or a rectangle", fix="give points or rect, not both")
+        raise ConfigError(
+            "a region needs its corners or a rectangle",
+            place=name,
+            fix="give " + Argument("points") + " or " + Argument("rect") + ", not both",
+        )
     corners = points if rect is None else _corners(*rect)
     table = {
         "name": name,
@@ -108,7 +112,9 @@ def edit_region(
         shrunk = regions[name].shrunk(shrink_px).vertices if name in regions else ()
         changes["points_px"] = written_points([(round(x, 1), round(y, 1)) for x, y in shrunk])
     if not changes:
-        raise ConfigError("give what to change: size, tilt, azimuth, emissivity or offset")
+        raise ConfigError(
+            "nothing is to change", place=name, fix="give its corners, tilt, azimuth, emissivity or offset"
+        )
     edit.change_region(draft, name, changes)
     return changes
 

@@ -144,7 +144,8 @@ def _oldest_first(folder: Path) -> list[Path]:
         return sorted(files, key=lambda file: file.stat().st_mtime_ns)
     except OSError as error:
         raise StorageError(
-            f"the marks in {folder} cannot be read: {error.strerror or error}",
+            f"the marks cannot be read: {error.strerror or error}",
+            place=folder,
             fix="check that the disk is accessible, then: " + Action.RECOVER(),
         ) from error
 

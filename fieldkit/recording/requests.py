@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Protocol
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
 from fieldkit.model.marks import Mark, mark_details
+from fieldkit.model.next_step import Argument
 from fieldkit.recording.running import running_session
 from fieldkit.sessions.lock import is_locked, journal_path
 
@@ -83,7 +84,7 @@ def _check_length(request: Request, number: str) -> None:
     if not event_fits(Event(EventKind.MARK, 0, 0, request.text, data=data)):
         size = len(f"{request.text}{request.label}".encode())
         fix = "split it in two, and use one short word as its kind"
-        raise ConfigError(f"the mark is too long to be stored whole: {size} bytes", fix=fix)
+        raise ConfigError(f"{size} bytes are too long to be stored whole", place=Argument("text"), fix=fix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +114,14 @@ def send_to_recorder(recordings: Path, request: Request) -> SentRequest:
             return send_to_recorder(recordings, request)
         what = "mark" if isinstance(request, Mark) else "request"
         raise RefusedError(
-            f"{session.name} has just ended and is being sealed: the {what} comes too late",
+            f"has just ended and is being sealed: the {what} comes too late",
+            place=session.name,
             fix=f"write it down beside {session.name}",
         ) from None
     except OSError as error:
-        raise StorageError(f"the request could not be written beside {session}: {error.strerror}") from error
+        raise StorageError(
+            f"the request could not be written beside it: {error.strerror}", place=session
+        ) from error
 
 
 def await_inbox(session: Path) -> None:

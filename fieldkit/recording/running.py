@@ -104,7 +104,9 @@ def _lock_in(recordings: Path, name: str) -> SessionLock:
         return SessionLock(recordings, name)
     except OSError as error:
         raise StorageError(
-            f"cannot record into {recordings}: {error.strerror}", fix="choose a folder that can be written"
+            f"no session can be written here: {error.strerror}",
+            place=recordings,
+            fix="choose a folder that can be written",
         ) from error
 
 
@@ -233,7 +235,8 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
                 os.kill(pid, signal.SIGCONT)
         if time.monotonic() > deadline:
             raise RefusedError(
-                f"process {pid} has not sealed {path.name} within {SEALED_WITHIN_S:.0f} s",
+                f"process {pid} has not sealed it within {SEALED_WITHIN_S:.0f} s",
+                place=path.name,
                 fix=f"look at its terminal; kill {pid} ends it at once and keeps the journal",
             )
         time.sleep(0.1)
@@ -242,7 +245,8 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
         time.sleep(0.02)
     if is_interrupted(path):
         raise SessionError(
-            f"the recording ended without sealing {path.name}; its journal is kept",
+            "the recording ended without sealing it; its journal is kept",
+            place=path.name,
             fix=Action.RECOVER(path),
         )
     return path

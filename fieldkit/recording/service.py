@@ -92,7 +92,9 @@ class Unit:
     def text(self) -> str:
         """The unit file. Raises `ConfigError` for a folder with a line break in its name."""
         if not str(self.campaign).isprintable():
-            raise ConfigError(f"{self.campaign!r} has a control character", fix="rename the folder")
+            raise ConfigError(
+                "has a control character", place=repr(str(self.campaign)), fix="rename the folder"
+            )
         return "\n".join(
             [
                 self.header,
@@ -228,7 +230,8 @@ def install_service(unit: Unit, notify: Notify = log.warning) -> Path:
     manager = _Manager(is_system)
     if (other := manager.campaign()) not in (None, unit.campaign):
         raise RefusedError(
-            f"{NAME} is installed for {other}",
+            f"is installed for {other}",
+            place=NAME,
             fix=manager.removal + ", then install it",
         )
     _write(manager.unit, text)
@@ -284,10 +287,10 @@ class _Manager:
             process = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
         except subprocess.CalledProcessError as error:
             raise RefusedError(
-                f"{' '.join(command)} failed: {error.stderr.strip()}", fix=self._fix()
+                f"failed: {error.stderr.strip()}", place=" ".join(command), fix=self._fix()
             ) from None
         except subprocess.TimeoutExpired:
-            raise RefusedError(f"{' '.join(command)} did not finish", fix=self._fix()) from None
+            raise RefusedError("did not finish", place=" ".join(command), fix=self._fix()) from None
         return process.stdout
 
     def _fix(self) -> str:
@@ -310,6 +313,7 @@ def _need_rights(system: bool, command: str) -> None:
     if system and not is_root:
         raise RefusedError(
             f"only root may {command} a system service",
+            place=Argument("system"),
             fix="use sudo and the full path of the command, or omit " + Argument("system"),
         )
     if is_root and not system:

@@ -11,6 +11,7 @@ from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import record
 from fieldkit.results.session import Session
@@ -76,7 +77,9 @@ def _region_tables(beds: Mapping[str, tuple[float, float]] | None) -> list[Mappi
     if beds is None:
         return [flat, *usual]
     if len(beds) > len(usual):
-        raise ConfigError(f"{len(beds)} beds do not fit the frame", fix=f"give at most {len(usual)}")
+        raise ConfigError(
+            f"{len(beds)} beds do not fit the frame", place=Argument("beds"), fix=f"give at most {len(usual)}"
+        )
     return [flat] + [
         {**place, "name": name, "tilt_deg": float(tilt_deg), "azimuth_deg": float(azimuth_deg)}
         for place, (name, (tilt_deg, azimuth_deg)) in zip(usual, beds.items(), strict=False)

@@ -75,6 +75,7 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     if simulation is None:
         raise ConfigError(
             "the devices are simulated, but there is no [simulation] table",
+            place=config.path,
             fix="add [simulation] to fieldkit.toml; " + Action.CREATE_CAMPAIGN(simulated=True) + " shows one",
         )
     start_ns = ALAMOSA_NOON_NS
@@ -91,7 +92,9 @@ def scene_of(config: Config, duration_s: float) -> Scene:
         scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
     if simulation.terrain:
         if config.pose is None:
-            raise ConfigError("simulated terrain needs camera.pose", fix="give [camera] a pose with a dem")
+            raise ConfigError(
+                "simulated terrain needs it", place="camera.pose", fix="give [camera] a pose with a dem"
+            )
         scene = _in_relief(scene, terrain_of(config.pose.at(start_ns)), simulation)
     return drawn_scene(scene) if simulation.drawn else scene
 
@@ -102,7 +105,9 @@ def terrain_of(pose: Pose) -> Terrain:
     Raises `ConfigError`, or `NoAnswerError` if the camera sees nothing of it.
     """
     if pose.dem is None:
-        raise ConfigError("simulated terrain needs heights", fix="give camera.pose a dem, a GeoTIFF")
+        raise ConfigError(
+            "simulated terrain needs heights", place="camera.pose", fix="give it a dem, a GeoTIFF"
+        )
     view = ground_view(pose, FRAME_SHAPE)
     ground = read_heights(pose.dem, view.crs, view.grid.scale)
     east, north = np.moveaxis(view.points_m[..., :2].reshape(-1, 2), -1, 0)
@@ -196,7 +201,9 @@ def _fault(name: str) -> Fault:
         return Fault(FaultKind(name))
     except ValueError as error:
         names = ", ".join(FaultKind)
-        raise ConfigError(f"there is no fault {name!r}", fix=f"simulated faults are {names}") from error
+        raise ConfigError(
+            f"there is no fault {name!r}", place="simulation.faults", fix=f"simulated faults are {names}"
+        ) from error
 
 
 def _sky(config: Config, weather: str) -> Sky:
@@ -213,7 +220,8 @@ def measured_weather(config: Config, weather: str) -> Weather:
     path = config.directory / Path(weather)
     if not path.is_file():
         raise ConfigError(
-            f"weather: there is no file {path}",
+            f"there is no file {path}",
+            place="weather",
             fix=f'name a SURFRAD or BSRN file, "clear", or the packaged day "{PACKAGED_DAY}"',
         )
     measured = read_station_file(path)
@@ -222,7 +230,8 @@ def measured_weather(config: Config, weather: str) -> Weather:
     if _degrees_apart(measured.site, config.site) > NEAR_DEG:
         there = f"{measured.site.latitude_deg:g}, {measured.site.longitude_deg:g}"
         raise ConfigError(
-            f"weather: {path} was measured at {there}, not at the configured site",
+            f"{path} was measured at {there}, not at the configured site",
+            place="weather",
             fix="give [site] the station's latitude_deg and longitude_deg: the sky is that of the station",
         )
     return measured
