@@ -85,6 +85,13 @@ def is_locked(folder: Path, name: str = RECORDING) -> bool:
     return False
 
 
+def await_unlocked(folder: Path, name: str, seconds: float) -> None:
+    """Wait until no process holds a lock of a folder, at most so long."""
+    deadline = time.monotonic() + seconds
+    while is_locked(folder, name) and time.monotonic() < deadline:
+        time.sleep(PATIENCE_S / 2)
+
+
 def locked_within(folder: Path, seconds: float) -> bool:
     """True if the session of a journal folder is being recorded, begun within the last `seconds`."""
     with suppress(OSError):  # it has ended since

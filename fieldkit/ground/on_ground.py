@@ -51,6 +51,8 @@ class GroundView:
         The camera, in the axes of the projected reference system.
     ground
         Heights of the ground on the cells of the output.
+    dem
+        Heights that the pose names, None on level ground.
     grid
         Its true north and scale.
     distances_m
@@ -60,6 +62,7 @@ class GroundView:
     camera: Camera
     crs: CRS
     ground: Heights
+    dem: Heights | None
     grid: Grid
     distances_m: FloatArray
 
@@ -101,8 +104,8 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
     table = pose.table
     crs = geotiff.projected_crs(table.crs)
     grid = geotiff.grid_at(crs, *pose.position_m[:2])
-    camera = pose.camera(shape, grid)
     dem = None if pose.dem is None else geotiff.read_heights(pose.dem, crs, grid.scale)
+    camera = pose.camera(shape, grid)
     away = _distances_m(camera, table, dem)
     if not np.isfinite(away).any():
         raise NoAnswerError(
@@ -111,7 +114,7 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
             fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
         )
     points = ground_points(camera, away)
-    return GroundView(camera, crs, _cells(points, table, dem, cell_m), grid, away)
+    return GroundView(camera, crs, _cells(points, table, dem, cell_m), dem, grid, away)
 
 
 def on_frame(

@@ -28,10 +28,11 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.opening import Instruments
 from fieldkit.recording.preflight import Notify
-from fieldkit.recording.running import is_recorder_present
+from fieldkit.recording.running import LOCK_NAME
 from fieldkit.sessions.journal import Journal, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.records import SampleRow
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -88,7 +89,7 @@ def ask_for_last_samples(recordings: Path) -> None:
 
     Where the folder cannot be written nothing is done: the recorder finds that out with better words.
     """
-    if is_recorder_present(recordings):
+    if is_locked(recordings, LOCK_NAME):
         return
     shutil.rmtree(recordings / FOLDER, ignore_errors=True)  # of a recorder that was killed
     with contextlib.suppress(OSError):

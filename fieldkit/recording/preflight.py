@@ -14,6 +14,7 @@ from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action, Text
+from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
@@ -55,7 +56,7 @@ def preflight(
     needed = bytes_per_second(streams, sampling_of(config))
     _check_space(needed, duration_s, instruments.free_bytes(), disk_reserve_bytes(config))
     now_ns = instruments.utc_ns()
-    sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
+    sun_vectors(now_ns, Site(0.0, 0.0))  # loads astropy's tables now: later it would hold up the recording
     _check_trajectory(config, now_ns, duration_s or 0.0, notify)
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():

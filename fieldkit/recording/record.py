@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from datetime import time
+from datetime import datetime, time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,6 @@ from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.durations import as_seconds, times_of_day
 from fieldkit.model.mark_times import moments_of
 from fieldkit.model.samples import Sample
-from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
 from fieldkit.recorder.recorder import Shown
@@ -36,11 +35,11 @@ from fieldkit.recording.recordings import session_path
 from fieldkit.recording.redrawing import Redrawing
 from fieldkit.recording.request_reader import RequestReader, StatusServer
 from fieldkit.recording.requests import inbox
-from fieldkit.recording.running import await_preview_end, only_recorder
+from fieldkit.recording.running import PREVIEW_ENDS_WITHIN_S, PREVIEW_LOCK_NAME, only_recorder
 from fieldkit.results.minutes import keep_recorded
 from fieldkit.results.session import Session, open_session
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.lock import journal_path
+from fieldkit.sessions.lock import await_unlocked, journal_path
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
@@ -172,7 +171,7 @@ class PreparedRecording:
     duration_s: float | None = None
     begins_ns: int | None = None
     included: Included | None = None
-    split: tuple[time, ...] = ()
+    split: str = ""
 
     def begins_in_s(self) -> float:
         """Seconds until the time at which the recording is to begin; 0 without one, or once it has come."""
@@ -307,7 +306,8 @@ class _Series:
         """When the next session takes over from one that records now (monotonic); None if none does."""
         clock, site = self._prepared.instruments.clock, self._prepared.config.site
         utc_ns = clock.to_utc_ns(mono_ns)
-        waits_ns = [ns_until(moment, site, utc_ns) for moment in self._prepared.split]
+        now = formatting.local_time(utc_ns, site)
+        waits_ns = [ns_until(moment, now) for moment in times_of_day(self._prepared.split)]
         if not waits_ns:
             return None
         seconds = round((utc_ns + min(waits_ns)) / SECOND_NS)  # local times have microseconds
@@ -346,7 +346,7 @@ def prepare(
         if options.include_last_s is not None:
             ask_for_last_samples(config.recordings)
         opened.enter_context(only_recorder(config.recordings))
-        await_preview_end(config.recordings)
+        await_unlocked(config.recordings, PREVIEW_LOCK_NAME, PREVIEW_ENDS_WITHIN_S)
         left = opened.enter_context(left_samples(config.recordings))
         scene_s = None if options.at else duration_s  # a simulated field goes on while its recorder waits
         instruments = opened.enter_context(
@@ -357,10 +357,10 @@ def prepare(
                 simulated_from_ns=left.end_ns if left else None,
             )
         )
-        now_ns, utc_ns = instruments.clock.mono_ns(), instruments.utc_ns()
-        wait_ns = 0 if options.at is None else ns_until(options.at, config.site, utc_ns)
+        now_ns, now = instruments.clock.mono_ns(), formatting.local_time(instruments.utc_ns(), config.site)
+        wait_ns = 0 if options.at is None else ns_until(options.at, now)
         if options.until is not None:
-            duration_s = ns_until(options.until, config.site, utc_ns + wait_ns) / SECOND_NS
+            duration_s = ns_until(options.until, now, wait_ns) / SECOND_NS
         preflight(config, instruments, duration_s, notify)
         last_s = options.include_last_s
         included = left.include(instruments, last_s, notify) if left and last_s else None
@@ -369,7 +369,7 @@ def prepare(
         start_ns = now_ns + wait_ns if included is None else included.start_ns
         path = session_path(config, options.name, instruments.clock.to_utc_ns(start_ns))
         begins_ns = None if options.at is None else now_ns + wait_ns
-        split = times_of_day(options.split or config.tables.record.split)
+        split = options.split or config.tables.record.split
         yield PreparedRecording(
             config, instruments, path, options.name, duration_s, begins_ns, included, split
         )
@@ -397,12 +397,15 @@ class MinuteView:
         """Nothing to close."""
 
 
-def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
-    """Nanoseconds from a time to the next one at which the site's clocks show `time_of_day`."""
-    now = formatting.local_time(utc_ns, site)
+def ns_until(time_of_day: time, now: datetime, after_ns: int = 0) -> int:
+    """Nanoseconds from `after_ns` after now, to the next time at which clocks show `time_of_day`.
+
+    `now` has the zone of the clocks.
+    """
     # by timestamps: local times differ by an hour more or less where clocks change in between
-    left_s = [moment.timestamp() - now.timestamp() for moment in moments_of(time_of_day, now)]
-    return round(next(wait_s for wait_s in left_s if wait_s > 0.0) * SECOND_NS)
+    begin_s = now.timestamp() + after_ns / SECOND_NS
+    moments = moments_of(time_of_day, datetime.fromtimestamp(begin_s, now.tzinfo))
+    return round(next(s for moment in moments if (s := moment.timestamp() - begin_s) > 0.0) * SECOND_NS)
 
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:

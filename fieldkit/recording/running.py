@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from fieldkit.model.errors import RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.recording.recordings import JOURNAL, is_interrupted
-from fieldkit.sessions.lock import SessionLock, is_locked, journal_path, owner
+from fieldkit.sessions.lock import SessionLock, await_unlocked, is_locked, journal_path, owner
 
 if TYPE_CHECKING:
     from fieldkit.model.site import Site
@@ -64,9 +64,7 @@ def _call_off(recordings: Path) -> bool:
     if (pid := waiting_recorder(recordings)) is None:
         return False
     os.kill(pid, signal.SIGTERM)
-    deadline = time.monotonic() + PREVIEW_ENDS_WITHIN_S
-    while is_locked(recordings, LOCK_NAME) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    await_unlocked(recordings, LOCK_NAME, PREVIEW_ENDS_WITHIN_S)
     return True
 
 
@@ -90,8 +88,8 @@ def only_recorder(recordings: Path) -> Iterator[None]:
     try:
         lock = _lock_in(recordings, LOCK_NAME)
     except RefusedError as error:
-        _refuse_second(recordings)  # by the name of its session, once it has one
-        raise _already_recorded(error.message) from error
+        _refuse_second(recordings, otherwise=error.message)
+        raise
     try:
         yield
     finally:
@@ -143,23 +141,14 @@ class _RecorderWaits:
         return self._found
 
 
-def await_preview_end(recordings: Path) -> None:
-    """Wait until a preview has released the instruments, at most ten seconds; call as `only_recorder`."""
-    deadline = time.monotonic() + PREVIEW_ENDS_WITHIN_S
-    while is_locked(recordings, PREVIEW_LOCK_NAME) and time.monotonic() < deadline:
-        time.sleep(0.05)
-
-
-def _refuse_second(recordings: Path) -> None:
-    if (running := session_in_progress(recordings)) is not None:
-        raise _already_recorded(running.name)
-
-
-def _already_recorded(what: str) -> RefusedError:
-    return RefusedError(
-        f"this campaign is being recorded already: {what}",
-        fix=Action.STATUS() + " shows it, " + Action.STOP() + " ends it",
-    )
+def _refuse_second(recordings: Path, otherwise: str = "") -> None:
+    """Raise `RefusedError` for a recording in progress: by its session, or otherwise in these words."""
+    running = session_in_progress(recordings)
+    if what := running.name if running else otherwise:
+        raise RefusedError(
+            f"this campaign is being recorded already: {what}",
+            fix=Action.STATUS() + " shows it, " + Action.STOP() + " ends it",
+        )
 
 
 @dataclass(frozen=True, slots=True)

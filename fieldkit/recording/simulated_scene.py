@@ -21,15 +21,14 @@ from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.bodies import EARTH, Body, body_of
+from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.camera_geometry import horizon_of_ground
 from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.results.sources import log_warning
-from fieldkit.sessions.formats.geotiff import read_heights
 from fieldkit.simulation import ClearSky, Facet, Fault, MeasuredSky, Scene, Sky
 from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.drawn_field import drawn_scene
-from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
+from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
@@ -87,15 +86,20 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     scene = Scene(
         config.site, sky, facets, start_ns, duration_s, simulation.seed, faults, motion=_motion(simulation)
     )
-    if (body := body_of(config.site)) is not EARTH:
-        still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
-        scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
     if simulation.terrain:
         if config.pose is None:
             raise ConfigError(
                 "simulated terrain needs it", place="camera.pose", fix="give [camera] a pose with a dem"
             )
         scene = _in_relief(scene, terrain_of(config.pose.at(start_ns)), simulation)
+    if (body := body_of(config.site)) is not EARTH:
+        conductivity_w_m_k, heat_capacity_j_m3_k = body.conductivity_w_m_k, body.heat_capacity_j_m3_k
+        ground, *beds = (
+            replace(bed, conductivity_w_m_k=conductivity_w_m_k, heat_capacity_j_m3_k=heat_capacity_j_m3_k)
+            for bed in (scene.ground, *scene.facets)
+        )
+        still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
+        scene = replace(scene, facets=tuple(beds), ground=ground, exchange=still_air)
     return drawn_scene(scene) if simulation.drawn else scene
 
 
@@ -104,12 +108,11 @@ def terrain_of(pose: Pose) -> Terrain:
 
     Raises `ConfigError`, or `NoAnswerError` if the camera sees nothing of it.
     """
-    if pose.dem is None:
+    view = ground_view(pose, FRAME_SHAPE)
+    if (ground := view.dem) is None:
         raise ConfigError(
             "simulated terrain needs heights", place="camera.pose", fix="give it a dem, a GeoTIFF"
         )
-    view = ground_view(pose, FRAME_SHAPE)
-    ground = read_heights(pose.dem, view.crs, view.grid.scale)
     east, north = np.moveaxis(view.points_m[..., :2].reshape(-1, 2), -1, 0)
     tilt, azimuth = tilt_azimuth(ground.normals(east, north))
     normals = normal(tilt, azimuth - view.grid.true_north_deg)
@@ -150,7 +153,7 @@ def _bed(config: Config, region: Region) -> Facet:
         azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
         is_reference=region.kind is RegionKind.REFERENCE,
     )
-    bed = _ground_of(body_of(config.site), _of_sand(bed, simulation))
+    bed = _of_sand(bed, simulation)
     if region.name != simulation.foil:
         return bed
     return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
@@ -163,15 +166,6 @@ def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
         emissivity=simulation.emissivity,
         emissivity_broadband=simulation.emissivity,
         depth_m=simulation.sand_depth_m,
-    )
-
-
-def _ground_of(body: Body, bed: Facet) -> Facet:
-    """The bed with the conductivity and heat capacity of a world's ground; the Earth's are the bed's own."""
-    if body is EARTH:
-        return bed
-    return replace(
-        bed, conductivity_w_m_k=body.conductivity_w_m_k, heat_capacity_j_m3_k=body.heat_capacity_j_m3_k
     )
 
 

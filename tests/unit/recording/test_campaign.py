@@ -153,7 +153,7 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
             minutes = replayed_minutes(both, config)
             assert minutes[5].irradiance_model.startswith(label)
             assert (minutes[5].dni_w_m2 == 900.0) == (not stream)
-    checks = {(finding.what, finding.level) for finding in fieldkit.check(tmp_path / "both.h5")}
+    checks = {(finding.what, finding.level) for finding in fieldkit.check(tmp_path / "both.h5").findings}
     assert ("slopes", "ok") in checks
 
 

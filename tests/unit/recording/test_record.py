@@ -14,6 +14,7 @@ from fieldkit.model.site import Site
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import ns_until
 from fieldkit.sessions.reader import open_session
+from fieldkit.views import formatting
 
 
 def utc_ns(moment: datetime) -> int:
@@ -34,13 +35,13 @@ def utc_ns(moment: datetime) -> int:
 )
 def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours):
     site = Site(47.4, 8.5, 400, "Europe/Zurich")
-    assert ns_until(time.fromisoformat(until), site, utc_ns(now)) == 3600e9 * hours
+    assert ns_until(time.fromisoformat(until), formatting.local_time(utc_ns(now), site)) == 3600e9 * hours
 
 
 @pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "", "x" * 5000])
 def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
     now = datetime(2026, 7, 1, 20, tzinfo=UTC)
-    assert ns_until(time(23, 30), Site(0, 0, 0, zone), utc_ns(now)) == 3.5 * 3600e9
+    assert ns_until(time(23, 30), formatting.local_time(utc_ns(now), Site(0, 0, 0, zone))) == 3.5 * 3600e9
 
 
 NOTEBOOK = """
