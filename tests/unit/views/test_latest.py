@@ -32,19 +32,13 @@ def test_rate_is_over_the_last_minute(latest):
     assert latest.rate_hz("camera") == pytest.approx(9 * 30 / 60)
 
 
-def test_age_is_that_of_the_last_sample(latest, frame):
+def test_age_is_that_of_the_last_sample_of_each_instrument(latest, frame):
     assert latest.age_s("lux") == 0.0
     latest.update(Reading("lux", 0, frame.time_ns - 14 * SECOND_NS, (1.0,)))
     latest.update(frame)
-    assert latest.age_s("lux") == pytest.approx(14.0)
-    assert latest.age_s("camera") == 0.0
-
-
-def test_age_is_that_of_each_camera(latest, frame):
-    latest.update(frame)
+    assert (latest.age_s("lux"), latest.age_s("camera")) == (pytest.approx(14.0), 0.0)
     latest.update(frame._replace(stream="cam2", time_ns=frame.time_ns + 120 * SECOND_NS))
-    assert latest.age_s("camera") == pytest.approx(120.0)
-    assert latest.age_s("cam2") == 0.0
+    assert (latest.age_s("camera"), latest.age_s("cam2")) == (pytest.approx(120.0), 0.0)
 
 
 def test_rate_is_unknown_at_first(latest):

@@ -117,18 +117,12 @@ def test_a_failed_drawing_is_told_and_hurts_nobody(screen_of, frame, monkeypatch
     watched.close()
 
 
-def test_plain_lines_where_the_output_is_no_terminal(site, regions, streams):
-    assert isinstance(terminal_view(Latest(site, regions, streams), Console(file=io.StringIO())), PlainView)
-
-
-def test_plain_lines_on_a_dumb_terminal(site, regions, streams):
+def test_a_screen_on_a_terminal_and_plain_lines_elsewhere(site, regions, streams):
+    watched, latest = Watched(), Latest(site, regions, streams)
     dumb = Console(file=io.StringIO(), force_terminal=True, _environ={"TERM": "dumb"})
-    assert isinstance(terminal_view(Latest(site, regions, streams), dumb), PlainView)
-
-
-def test_a_screen_on_a_terminal(site, regions, streams):
-    watched = Watched()
-    assert isinstance(terminal_view(Latest(site, regions, streams), watched.console), TerminalView)
+    assert isinstance(terminal_view(latest, watched.console), TerminalView)
+    for console in (dumb, Console(file=io.StringIO())):
+        assert isinstance(terminal_view(latest, console), PlainView)
     watched.close()
 
 
