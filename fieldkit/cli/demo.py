@@ -54,7 +54,7 @@ def command(fast: bool, fault: str | None, out: Path) -> None:
 def _introduce(config: Config, fault: str | None) -> None:
     beds = "   ".join(f"{region.name} {formatting.given_slope(region)}" for region in config.regions)
     drivers = "   ".join(f"{device.name} {device.driver}" for device in config.devices)
-    seed = config.simulation.seed if config.simulation else 0
+    seed = config.tables.simulation.seed if config.tables.simulation else 0
     common.say(
         f"fieldkit demo: sand slopes under the sky of Alamosa, 2016-01-01, on simulated devices (seed {seed})"
     )

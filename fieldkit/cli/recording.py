@@ -73,5 +73,5 @@ def terminal_views(
         return []
     end_ns = None if duration_s is None else instruments.utc_ns() + round(duration_s * 1e9)
     latest = Latest(config.site, config.regions, instruments.streams, title, end_ns)
-    bell_from = least_sent(config) if config.alarms.bell else None
+    bell_from = least_sent(config) if config.tables.alarms.bell else None
     return [terminal_view(latest, common.console(err=True), theme=theme, bell_from=bell_from)]

@@ -13,15 +13,7 @@ from tomlkit.items import String, StringType, Trivia
 
 from fieldkit.calibration.calibration_record import CalibrationRecord, from_document
 from fieldkit.config.references import calibration_folder, campaign_folder
-from fieldkit.config.toml_schema import (
-    AlarmsTable,
-    CampaignTable,
-    DeviceTable,
-    LuxTable,
-    RecordTable,
-    SimulationTable,
-    Tables,
-)
+from fieldkit.config.toml_schema import DeviceTable, LuxTable, Tables
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.limits import changed_rows
 from fieldkit.model.site import Region, Site
@@ -74,26 +66,6 @@ class Config:
     def reports(self) -> Path:
         """Folder for reports."""
         return self.directory / "reports"
-
-    @property
-    def campaign(self) -> CampaignTable:
-        """Description of the campaign in every session."""
-        return self.tables.campaign
-
-    @property
-    def record(self) -> RecordTable:
-        """Choice of the frames that are kept."""
-        return self.tables.record
-
-    @property
-    def alarms(self) -> AlarmsTable:
-        """Limits for alarms."""
-        return self.tables.alarms
-
-    @property
-    def simulation(self) -> SimulationTable | None:
-        """The simulated field, if any."""
-        return self.tables.simulation
 
     @property
     def site(self) -> Site:

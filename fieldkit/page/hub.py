@@ -188,7 +188,7 @@ class Hub:
 
     def _hello(self, role: Role) -> dict[str, Any]:
         config, site = self.config, self.config.site
-        name = config.campaign.title or config.directory.name
+        name = config.tables.campaign.title or config.directory.name
         place = {"latitude": site.latitude_deg, "longitude": site.longitude_deg, "zone": site.timezone}
         about = {"type": "hello", "role": role, "version": __version__, "campaign": name}
         return {**about, "site": {"name": name, **place}, "limits": {"viewers": MAX_VIEWERS}}

@@ -31,7 +31,7 @@ UNKNOWN_INTERVAL_S = 5.0
 def alarm_watch(config: Config, streams: Sequence[StreamInfo]) -> AlarmWatch:
     """The alarms of a recording; raises `ConfigError` if an output cannot be set up."""
     outputs = tuple(outputs_of(config))
-    sensors = _sensors(config, streams, outputs) if config.alarms.home_assistant else None
+    sensors = _sensors(config, streams, outputs) if config.tables.alarms.home_assistant else None
     engine = AlarmEngine(alarm_settings(config, streams))
     return AlarmWatch(engine, AlarmOutputs(outputs, least_sent(config)), sensors)
 
@@ -41,18 +41,18 @@ def _sensors(config: Config, streams: Sequence[StreamInfo], outputs: Sequence[Al
     if broker is None:
         fix = "write mqtt://HOST/TOPIC into the file that alarms.services_file names"
         raise ConfigError("needs the broker of Home Assistant", place="alarms.home_assistant", fix=fix)
-    title = config.campaign.title or config.directory.name
+    title = config.tables.campaign.title or config.directory.name
     return HomeAssistant(broker.base, title, streams, least_sent(config))
 
 
 def least_sent(config: Config) -> Severity:
     """The least severity of alarms that go anywhere but to session and views."""
-    return Severity[config.alarms.send.upper()]
+    return Severity[config.tables.alarms.send.upper()]
 
 
 def alarm_settings(config: Config, streams: Sequence[StreamInfo]) -> AlarmSettings:
     """Conditions that raise alarms while these streams are recorded."""
-    table = config.alarms
+    table = config.tables.alarms
     everywhere = _limits(table)
     limits = {name: _limits(own, everywhere) for name, own in table.region.items()}
     return AlarmSettings(
@@ -90,10 +90,10 @@ def _interval_s(config: Config, info: StreamInfo) -> float:
 
 def outputs_of(config: Config) -> Iterator[AlarmOutput]:
     """Where alarms go; raises `ConfigError` for a file of services that cannot be used."""
-    if config.alarms.command:
-        yield CommandOutput(tuple(config.alarms.command))
-    if config.alarms.services_file:
-        path = (config.directory / Path(config.alarms.services_file).expanduser()).resolve()
+    if config.tables.alarms.command:
+        yield CommandOutput(tuple(config.tables.alarms.command))
+    if config.tables.alarms.services_file:
+        path = (config.directory / Path(config.tables.alarms.services_file).expanduser()).resolve()
         for number, line in enumerate(_private_lines(path, config.directory), start=1):
             if line and not line.startswith("#"):
                 yield output_at(line, number)

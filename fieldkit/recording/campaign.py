@@ -119,7 +119,7 @@ class Campaign:
 
     def __repr__(self) -> str:
         what = f"{len(self.regions)} regions, {len(self.sessions)} sessions"
-        return f"<Campaign {self.config.campaign.title or self.directory.name}: {what}>"
+        return f"<Campaign {self.config.tables.campaign.title or self.directory.name}: {what}>"
 
     def _repr_html_(self) -> str:
         rows = [

@@ -94,7 +94,7 @@ def _now(config: Config, session: Path | None) -> datetime:
     from fieldkit.views import formatting
 
     zone = formatting.zone(config.site)
-    if session is None or config.simulation is None:
+    if session is None or config.tables.simulation is None:
         return datetime.now(zone)
     await_inbox(session)  # from then on there is a file
     deadline, end_ns = time.monotonic() + STARTED_WITHIN_S, 0

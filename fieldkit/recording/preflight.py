@@ -44,7 +44,7 @@ def preflight(
     _check_regions(config, streams, notify)
     for name in config.tables.irradiance.measures.keys() - {info.name for info in streams}:
         notify(f"irradiance.measures.{name}: no instrument is called {name}")
-    for name in config.alarms.region.keys() - {region.name for region in config.regions}:
+    for name in config.tables.alarms.region.keys() - {region.name for region in config.regions}:
         notify(f"alarms.region.{name}: no region is called {name}, so its limits watch nothing")
     meters = EstimatorInstruments(streams, config.estimator_settings())
     for name in meters.unknown:
@@ -132,11 +132,11 @@ def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserv
 
 def disk_reserve_bytes(config: Config) -> int:
     """Free space below which storing frames stops."""
-    return round(config.alarms.disk_reserve_mb * 1e6)
+    return round(config.tables.alarms.disk_reserve_mb * 1e6)
 
 
 def sampling_of(config: Config) -> Sampling:
     """Choice of frames that the configuration keeps."""
-    table = config.record
+    table = config.tables.record
     every_s = table.every_s if table.sampling == "bursts" else None
     return Sampling(every_s, table.burst_frames, table.shutter_before_burst)

@@ -410,7 +410,7 @@ def ns_until(time_of_day: time, now: datetime, after_ns: int = 0) -> int:
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:
     """Header of the session, known before its first sample."""
-    campaign = config.campaign
+    campaign = config.tables.campaign
     return SessionHeader(
         title=title or campaign.title,
         site=config.site,

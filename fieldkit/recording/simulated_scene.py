@@ -70,7 +70,7 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     the usual beds are there too, so that a user can see where to draw.
     Raises `ConfigError` if the configuration does not describe a scene.
     """
-    simulation = config.simulation
+    simulation = config.tables.simulation
     if simulation is None:
         raise ConfigError(
             "the devices are simulated, but there is no [simulation] table",
@@ -142,7 +142,7 @@ def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
 
 
 def _bed(config: Config, region: Region) -> Facet:
-    simulation = config.simulation
+    simulation = config.tables.simulation
     assert simulation is not None
     corners = np.asarray(region.vertices)
     outline = corners.mean(axis=0) + BED_OVER_REGION * (corners - corners.mean(axis=0))

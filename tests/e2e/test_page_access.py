@@ -298,7 +298,7 @@ def test_who_may_look_receives_no_files(page):
 def test_without_a_key_there_is_only_the_empty_document(page):
     answer = page.ask("GET", "/")
     assert answer.status == 200
-    assert page.page.config.campaign.title.encode() not in answer.body
+    assert page.page.config.tables.campaign.title.encode() not in answer.body
     assert page.ask("GET", "/role").json == {"role": None}
     assert refused(page.opened) == 403
     assert refused(lambda: page.opened(Cookie=f"{page.page.cookie}=wrong")) == 403

@@ -93,8 +93,8 @@ def test_simulated_has_three_beds_and_a_flat_reference_on_simulated_devices(init
         ("b15", RegionKind.TARGET, 15.0, 180.0),
         ("b25", RegionKind.TARGET, 25.0, 180.0),
     ]
-    assert config.simulation is not None
-    assert config.simulation.weather == "alamosa-2016-01-01"
+    assert config.tables.simulation is not None
+    assert config.tables.simulation.weather == "alamosa-2016-01-01"
 
 
 def test_a_campaign_is_never_overwritten(init, tmp_path):

@@ -187,9 +187,9 @@ def test_a_setting_is_written_as_in_toml_and_text_may_go_without_quotes(campaign
         environment={},
         settings=["record.sampling=all", "estimator.refraction=true", 'campaign.title="a = b"'],
     )
-    assert config.record.sampling == "all"
+    assert config.tables.record.sampling == "all"
     assert config.tables.estimator.refraction is True
-    assert config.campaign.title == "a = b"
+    assert config.tables.campaign.title == "a = b"
 
 
 @pytest.mark.parametrize(

@@ -33,12 +33,14 @@ def test_a_campaign_has_its_sessions_by_age(campaign, folder, sessions):
 def test_settings_replace_values_of_the_file_and_stay_when_a_region_is_added(folder, tmp_path):
     (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
     campaign = fieldkit.open_campaign(tmp_path, {"record.every_s": 30.0, "albedo": 0.3})
-    before = campaign.config.record.every_s, campaign.config.surface_parameters().albedo
+    before = campaign.config.tables.record.every_s, campaign.config.surface_parameters().albedo
     campaign.add_region("mud", rect=(2, 2, 12, 12))
     assert (
-        (campaign.config.record.every_s, campaign.config.surface_parameters().albedo) == before == (30, 0.3)
+        (campaign.config.tables.record.every_s, campaign.config.surface_parameters().albedo)
+        == before
+        == (30, 0.3)
     )
-    assert fieldkit.open_campaign(tmp_path).config.record.every_s != 30.0
+    assert fieldkit.open_campaign(tmp_path).config.tables.record.every_s != 30.0
 
 
 def test_a_region_is_added_by_numbers_and_arrays_of_numpy(folder, tmp_path):
