@@ -380,7 +380,7 @@ def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path):
 
 def test_a_place_against_the_one_in_the_file_is_refused_with_both(tmp_path):
     (tmp_path / "slv16001.dat").write_bytes(surfrad())  # 37.70 N 105.92 W
-    with pytest.raises(ConfigError, check=asks_for(Argument("site"))):
+    with pytest.raises(ConfigError, check=at(Argument("site"))):
         invoke("import", tmp_path / "slv16001.dat", "--site=35.5,139.4,9", "-o", tmp_path / "a.h5")
 
 
