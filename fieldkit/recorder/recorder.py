@@ -13,13 +13,13 @@ from dataclasses import InitVar, dataclass, field
 from functools import partial
 from itertools import chain
 from types import MappingProxyType
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.alarm import Phase
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.device import Device
-from fieldkit.model.errors import StorageError
+from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
@@ -171,6 +171,14 @@ class Recorder:
         self._close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
         return Summary(counts, dict(self._queue.dropped), self._last_minute, seal, self._failure)
+
+    def note_failure(self, finished: Future[Any]) -> None:
+        """Report, from any thread, that the session before could not be sealed."""
+        if (error := finished.exception()) is not None:
+            now = self.clock.mono_ns()
+            text = f"the session before was not sealed: {message_of(error)}"
+            event = Event(EventKind.DISK, now, self.clock.to_utc_ns(now), text, "", Severity.ERROR)
+            self._queue.put_event(event)
 
     @contextmanager
     def _abandoning_on_failure(self) -> Iterator[None]:

@@ -208,7 +208,9 @@ class PreparedRecording:
             earlier = []
             while session.recorder.record():
                 following = series.follow(session)
-                earlier.append(sealing.submit(session.finish, following.path.stem))
+                sealed = sealing.submit(session.finish, following.path.stem)
+                sealed.add_done_callback(following.recorder.note_failure)
+                earlier.append(sealed)
                 session = following
             last = session.finish()
         return replace(last, earlier=tuple(before.result() for before in earlier))

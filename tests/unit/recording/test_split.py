@@ -1,5 +1,6 @@
 """A recording split by the time of day: the samples of one session, in sessions complete in themselves."""
 
+import shutil
 import subprocess
 import sys
 from collections import defaultdict
@@ -13,11 +14,12 @@ import fieldkit
 from fieldkit.config import load_config
 from fieldkit.config.edit import remove_region
 from fieldkit.model.durations import times_of_day
-from fieldkit.model.errors import ConfigError, RefusedError
-from fieldkit.model.samples import EventKind, Frame
+from fieldkit.model.errors import ConfigError, RefusedError, StorageError
+from fieldkit.model.samples import EventKind, Frame, Severity
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.request_reader import recover_session
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 
 FASTEST = ("simulation.speed=max", 'record.sampling="all"')
@@ -122,6 +124,22 @@ def test_a_mark_enters_the_session_that_is_being_recorded(split):
     minutes_us = [minute.time_ns // 1000 for minute in split[0].minutes()]
     assert marks[0] == [f"minute {minutes_us[0]}"]
     assert f"minute {minutes_us[1]}" in marks[1]  # closed when the second one had begun
+
+
+def test_a_session_that_cannot_be_sealed_is_an_event_of_the_next(tmp_path):
+    fieldkit.init_campaign(tmp_path, simulated=True)
+    config = load_config(tmp_path / "fieldkit.toml", settings=["simulation.speed=max"])
+
+    def delete_first_journal(minute):
+        if len(sessions_in(config.recordings)) == 1:
+            shutil.rmtree(journal_path(*sessions_in(config.recordings)))
+
+    with pytest.raises(StorageError):
+        fieldkit.record(config, duration="4m", split="2m", on_minute=delete_first_journal)
+    first, second = map(fieldkit.open_session, sessions_in(config.recordings)[:2])
+    assert (first.state, second.state) == ("interrupted", "sealed")
+    (failure,) = [event for event in second.events() if event.kind is EventKind.DISK]
+    assert failure.severity is Severity.ERROR
 
 
 KILLED = """
