@@ -231,7 +231,7 @@ def _region_series(
     info = reader.info
     mask = region.mask((info.shape[0], info.shape[1]))
     if not mask.any():
-        raise SessionError(f"region {region.name!r} has no pixel in the frame of {info.name}")
+        raise SessionError(f"has no pixel in the frame of {info.name}", place=region.name)
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
     inside = mask[box]

@@ -120,7 +120,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         rows, cols = info.shape
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
-    put_columns(group, columns, info.rate_hz)
+    put_columns(group, columns, 0.0 if info.burst_frames else info.rate_hz)
     if info.is_camera:
         _frames(group, info)
     elif axes:
@@ -152,7 +152,8 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     group = put_group(file, name, nx_class, **signal)
     regions, streams = labels(header.region_names, 64), labels(info.name for info in header.streams)
     xy, enu = labels(["x", "y"], 1), labels(["east", "north", "up"], 5)
-    put_columns(group, columns, region=regions, stream=streams, xy=xy, enu=enu)
+    rate_hz = 1.0 if name == "health" else 0.0
+    put_columns(group, columns, rate_hz, region=regions, stream=streams, xy=xy, enu=enu)
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:

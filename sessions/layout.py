@@ -114,9 +114,8 @@ def _check_stream(info: StreamInfo) -> None:
     most = MOST_PIXELS if info.is_camera else MOST_BYTES
     if len(info.shape) not in (1, 2) or min(info.shape) < 1 or max(rows, values) > most:
         raise ValueError(f"stream {info.name!r} is declared with samples of shape {info.shape}")
-    if min(info.metadata_shape) < 0 or not (
-        0.0 <= info.rate_hz < math.inf and 0 <= info.raw_bytes <= MOST_BYTES
-    ):
+    numbers = (*info.metadata_shape, info.raw_bytes, info.burst_frames)
+    if min(numbers) < 0 or max(numbers) > MOST_BYTES or not 0.0 <= info.rate_hz < math.inf:
         raise ValueError(f"stream {info.name!r} is declared with {info.rate_hz} Hz, {info.raw_bytes} bytes")
 
 
@@ -148,7 +147,7 @@ def check_version(place: Path, version: str) -> None:
     if major != ours:
         is_newer = major.isdigit() and int(major) > int(ours)
         fix = f"pip install --upgrade {DISTRIBUTION}" if is_newer else "read it with what recorded it"
-        raise FormatError(f"{place} has format {version}; this fieldkit reads {FORMAT_VERSION}", fix=fix)
+        raise FormatError(f"has format {version}; this fieldkit reads {FORMAT_VERSION}", place=place, fix=fix)
 
 
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
@@ -169,7 +168,7 @@ MOST_BLOCK_BYTES = 16 * MOST_PIXELS
 
 _CHUNK_ROWS, _CHUNK_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
 
-_TABLE_CHUNK_BYTES, _TABLE_CHUNK_S, _MIN_ROWS, _MAX_ROWS = 4096, 16.0, 2, 1024
+_TABLE_CHUNK_BYTES, _TABLE_CHUNK_S, _MIN_ROWS, _MAX_ROWS = 4096, 60.0, 2, 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,15 +423,19 @@ def _health_columns(streams: int) -> list[Column]:
 
 
 def chunk_shape(info: StreamInfo) -> tuple[int, int, int]:
-    """One second deep, near 60 x 80 pixels: live after a second; a region's time series reads few chunks."""
+    """One second or one burst deep, near 60 x 80 pixels: a region's time series reads few chunks.
+
+    What is not full after a second is written as it is, so that it can be seen, and takes its place for good.
+    """
     rows, cols = info.shape
     most = max(1, MOST_BLOCK_BYTES // (2 * rows * cols))
-    depth = min(int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH)), most)
-    return depth, _divisor_near(rows, _CHUNK_ROWS), _divisor_near(cols, _CHUNK_COLS)
+    second = int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH))
+    burst = _divisor_near(info.burst_frames, _MAX_DEPTH) if info.burst_frames else second
+    return min(burst, most), _divisor_near(rows, _CHUNK_ROWS), _divisor_near(cols, _CHUNK_COLS)
 
 
 def chunk_rows(columns: Sequence[Column], rate_hz: float = 0.0) -> int:
-    """Rows of a chunk of a table: some kilobytes of all columns, of a fast stream some seconds.
+    """Rows of a chunk of a table: some kilobytes of all columns, or the rows of a minute.
 
     The last chunk of each column is stored whole and written again each second, so a chunk must not hold much
     more than a short session has; a chunk of a few bytes would cost its place in the index.

@@ -345,7 +345,7 @@ class SessionReader:
         if link_of(self._file, LATER_EVENTS) is None:
             return []
         with self._explaining():
-            columns = corrections(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS, "marks")
+            columns = corrections(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS)
         time_ns = self._times.utc_ns(columns["time"], columns["mono_ns"], recorded=True)
         return entry_rows.events_from({**columns, "time_ns": time_ns})
 

@@ -31,8 +31,8 @@ _DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical 
 
 def explain(path: Path, error: Exception) -> SessionError:
     """Error with the session and the next step."""
-    if isinstance(error, FormatError):
-        return error
+    if isinstance(error, FormatError):  # another error of it: none may be its own cause
+        return FormatError(error.problem, place=error.place, fix=error.fix)
     text = message_of(error)
     names_path = isinstance(error, SessionError) and str(path) in text
     fix = getattr(error, "fix", None) or Action.RECOVER(path)
@@ -55,7 +55,7 @@ def stored_here(group: h5py.Group, path: str) -> Any:
         except (KeyError, OSError, RuntimeError) as error:
             raise SessionError(f"cannot be read: {error}", place=path) from error
     if node.__class__ is h5py.Dataset and (node.is_virtual or node.external):
-        raise SessionError(f"{node.name} does not hold its data itself")
+        raise SessionError("does not hold its data itself", place=node.name)
     return node
 
 
@@ -63,7 +63,7 @@ def group_of(file: h5py.File, name: str) -> h5py.Group:
     """The group of a stream or table within this very file; raises `SessionError` where there is none."""
     group = stored_here(file, name)
     if not isinstance(group, h5py.Group):
-        raise SessionError(f"the group {name} is missing")
+        raise SessionError("is not a group", place=name)
     return group
 
 
@@ -131,7 +131,7 @@ def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
         stored = min(int(dataset.id.get_storage_size()), int(h5py.h5i.get_file_id(dataset.id).get_filesize()))
     except RuntimeError as error:
         if not salvage:
-            raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error
+            raise SessionError(f"its index is damaged: {error}", place=dataset.name) from error
         stored = _MOST_UNINDEXED_BYTES
     if dataset.size * dataset.dtype.itemsize > stored:
         raise SessionError(f"claims {dataset.shape} values that are not there", place=dataset.name)
@@ -161,8 +161,9 @@ def check_packed(dataset: h5py.Dataset) -> None:
             squeezer = zlib.decompressobj()
             is_full = len(squeezer.decompress(packed, whole)) == whole
             if is_full and squeezer.decompress(squeezer.unconsumed_tail, 1):
-                text = f"{dataset.file.filename}: a chunk of {dataset.name} holds more than {whole} bytes"
-                raise SessionError(text, fix="take another copy of the session; this one was tampered with")
+                text = f"a chunk of {dataset.name} holds more than {whole} bytes"
+                fix = "take another copy of the session; this one was tampered with"
+                raise SessionError(text, place=dataset.file.filename, fix=fix)
 
 
 def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:

@@ -162,7 +162,7 @@ class StreamReader:
     def counts(self) -> h5py.Dataset:
         """The frames as stored; raises `SessionError` where the stream has none."""
         if not self.info.is_camera:
-            raise SessionError(f"stream {self.info.name!r} is not a camera")
+            raise SessionError("is not a camera", place=self.info.name)
         self._require_open()
         return self.frame_datasets[0]
 
@@ -200,7 +200,7 @@ class StreamReader:
         At the times `recorded` no limit by the height of the sun applies: they may be wrong.
         """
         if self.info.is_camera:
-            raise SessionError(f"stream {self.info.name!r} is a camera", fix="read its frames: kelvin()")
+            raise SessionError("is a camera", place=self.info.name, fix="read its frames: kelvin()")
         parts = [part.columns for part in self._timed_parts(start, stop, recorded)]
         values = (np.where(self._beyond(part, recorded), np.nan, self._values(part)) for part in parts)
         return Readings(

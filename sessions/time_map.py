@@ -41,11 +41,13 @@ def row_crc32s(columns: Mapping[str, AnyArray]) -> list[int]:
     return [zlib.crc32(b"".join(cell.tobytes() for cell in row)) for row in zip(*others, strict=False)]
 
 
-def corrections(group: h5py.Group, columns: Sequence[Column], of: str = "the clock") -> dict[str, AnyArray]:
+def corrections(group: h5py.Group, columns: Sequence[Column]) -> dict[str, AnyArray]:
     """The rows of a group of corrections; raises `SessionError` where one is not as written."""
     rows = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
     if row_crc32s(rows) != rows.get("crc32", np.empty(0)).tolist():
-        raise SessionError(f"the corrections of {of} are damaged", fix="take another copy of the session")
+        raise SessionError(
+            "corrections are damaged", place=group.name, fix="take another copy of the session"
+        )
     return rows
 
 

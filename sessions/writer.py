@@ -96,7 +96,8 @@ class SessionWriter:
                 ) from error
             except (OSError, RuntimeError) as error:
                 raise StorageError(
-                    f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
+                    f"cannot be begun: {getattr(error, 'strerror', None) or error}",
+                    place=self.path,
                     fix="choose a folder that can be written and has room",
                 ) from error
             undo.pop_all()
@@ -225,7 +226,7 @@ class SessionWriter:
     def _seal(self, complete: bool) -> SealReport:
         if not self._journal.is_there():
             self._folder.mkdir(exist_ok=True)  # so that it is seen to be interrupted
-            raise IntegrityError("its journal was deleted while it was recorded")
+            raise IntegrityError("its journal was deleted while it was recorded", place=self.path)
         with JournalReader(self._folder) as journal:
             if complete:
                 return seal(self.path, journal_crc32s(journal), SEALED)
@@ -234,11 +235,13 @@ class SessionWriter:
         return rebuild(self.path, SEALED)[0]
 
     def _not_sealed(self, error: Exception) -> StorageError:
-        text = f"the session could not be sealed: {message_of(error)}"
+        text = f"could not be sealed: {message_of(error)}"
         if not self._journal.is_there():
-            return StorageError(text, fix=Action.RECOVER(self.path) + " finishes it from its file")
+            return StorageError(
+                text, place=self.path, fix=Action.RECOVER(self.path) + " finishes it from its file"
+            )
         fix = "see that there is free space, then: " + Action.RECOVER(self.path)
-        return StorageError(f"{text}; its journal is kept", fix=fix)
+        return StorageError(f"{text}; its journal is kept", place=self.path, fix=fix)
 
     def _finish_file(self, end_ns: int) -> bool:
         """Complete the file; False if it must be made again from the journal."""

@@ -43,6 +43,7 @@ class StreamInfo:
     measures: tuple[str, ...] = ()
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rate_hz: float = 0.0
+    burst_frames: int = 0  # frames stored together; 0: all, at the stream's rate
     driver: str = ""
     vendor: str = ""
     model: str = ""

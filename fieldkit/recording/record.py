@@ -412,11 +412,13 @@ def ns_until(time_of_day: time, now: datetime, after_ns: int = 0) -> int:
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:
     """Header of the session, known before its first sample."""
-    campaign = config.tables.campaign
+    campaign, sampling = config.tables.campaign, sampling_of(config)
+    burst_frames = sampling.burst_frames if sampling.every_s else 0
+    declared = [with_components(info, config.tables.irradiance.measures) for info in streams]
     return SessionHeader(
         title=title or campaign.title,
         site=config.site,
-        streams=tuple(with_components(info, config.tables.irradiance.measures) for info in streams),
+        streams=tuple(replace(info, burst_frames=burst_frames * info.is_camera) for info in declared),
         regions=config.regions,
         config_toml=config.to_toml(),
         command_line=command_line,

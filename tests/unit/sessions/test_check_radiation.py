@@ -56,9 +56,8 @@ def findings(path: Path, columns: dict[str, np.ndarray]) -> list[tuple[str, str]
 
 
 def test_a_clear_measured_hour_passes(tmp_path, noon):
-    ((level, text),) = findings(tmp_path / "a.h5", noon)
+    ((level, _),) = findings(tmp_path / "a.h5", noon)
     assert level == "ok"
-    assert "all minutes pass" in text
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def sun_finding(path: Path) -> Finding | None:
 def test_light_at_its_own_time_fits(tmp_path):
     found = sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, clear_light_lx(NINE_TO_THREE)))
     assert found is not None
-    assert (found.level, found.text) == ("ok", "the light fits the sun's height at the recorded times")
+    assert (found.level, "recorded" in found.text) == ("ok", True)
 
 
 @pytest.mark.parametrize("hours_behind", [2, 9])
@@ -61,7 +61,7 @@ def test_a_corrected_clock_fits(tmp_path, hours_behind):
         assert len(minute_means(opened, "lux")[0]) == len(NINE_TO_THREE)
     found = sun_finding(path)
     assert found is not None
-    assert (found.level, found.text) == ("ok", "the light fits the sun's height at the corrected times")
+    assert (found.level, "corrected" in found.text) == ("ok", True)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_less_than_an_hour_says_nothing_of_the_clock(tmp_path, minutes):
     time_ns = NINE_TO_THREE[:minutes]
     found = sun_finding(session(tmp_path / "a.h5", time_ns - 2 * HOUR_NS, clear_light_lx(time_ns)))
     assert found is not None
-    assert (found.level, "too little light or time" in found.text) == ("ok", True)
+    assert (found.level, "fits" in found.text) == ("ok", False)
 
 
 def test_a_night_says_nothing_at_all(tmp_path):

@@ -132,7 +132,7 @@ def test_a_whole_session_has_no_damaged_sample(damaged):
 
 def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged):
     with damaged(spoil("camera/counts", 1)) as session:
-        with pytest.raises(IntegrityError, match="frame 9 of camera") as caught:
+        with pytest.raises(IntegrityError, match="frame 9") as caught:
             session.kelvin()
         assert Argument("damaged", "nan") in steps(caught.value)
         kelvin = session.kelvin(damaged="nan")

@@ -61,7 +61,7 @@ def test_moved_site_is_named_and_said_when_the_session_is_opened(path, caplog):
     assert failed(path) == ["config/header"]
     with caplog.at_level(logging.WARNING), open_session(path) as session:
         assert session.site.latitude_deg == 31.558675
-    assert "config/header changed after it was sealed" in caplog.text
+    assert "config/header" in caplog.text
 
 
 def test_other_scale_is_named(path):
@@ -124,7 +124,7 @@ def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path)
     data = bytearray(path.read_bytes())
     data[place] ^= 1  # eighteen minutes more
     path.write_bytes(data)
-    assert any("corrections of the clock are damaged" in one.text for one in check(path))
+    assert any("/time_map" in finding.text for finding in check(path) if finding.level == "fail")
 
 
 def test_recovered_and_merged_sessions_are_sealed_the_same_way(path, tmp_path):

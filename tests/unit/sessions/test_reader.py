@@ -34,7 +34,7 @@ from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.learnt import learnt
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at, steps
 from tests.harness.recording import CountedClock, fill, header, sample
 
 
@@ -75,7 +75,7 @@ def test_a_recording_that_has_just_begun_is_waited_for(path, tmp_path):
     later.join()
     begun.unlink()
     os.utime(journal_path(begun) / "lock", (0, 0))  # a file that was deleted since
-    with pytest.raises(SessionError, match="No such file"):
+    with pytest.raises(SessionError, match=begun.name):
         open_session(begun)
     lock.release()
 
@@ -103,7 +103,7 @@ def test_other_hdf5_files_are_refused(tmp_path):
     for name, libver in (("old.h5", "earliest"), ("new.h5", LIBVER)):
         with h5py.File(tmp_path / name, "w", libver=libver) as file:
             file["numbers"] = np.arange(10)
-        with pytest.raises(SessionError, match="not a fieldkit session"):
+        with pytest.raises(SessionError, match=f"{name}: "):
             open_session(tmp_path / name)
 
 
@@ -129,9 +129,9 @@ def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path):
         with pytest.raises(SessionError, match="no stream 'nothing'") as caught:
             session["nothing"]
         assert all(name in str(caught.value.fix) for name in session.streams)
-        with pytest.raises(SessionError, match="'camera' is a camera"):
+        with pytest.raises(SessionError, check=at("camera")):
             session["camera"].readings()
-        with pytest.raises(SessionError, match="'lux' is not") as caught:
+        with pytest.raises(SessionError, check=at("lux")) as caught:
             session["lux"].kelvin()
         assert "camera" in caught.value.message + str(caught.value.fix)
 

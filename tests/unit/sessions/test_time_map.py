@@ -33,7 +33,7 @@ from fieldkit.sessions.recovery import rebuild
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.learnt import learnt
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at, steps
 from tests.harness.recording import CountedClock, header, sample
 
 S = 1_000_000_000
@@ -77,9 +77,9 @@ def test_times_are_corrected_at_once_or_not_at_all(path):
     """Also where the copy cannot be made, as on a disk that is full or read-only."""
     before = path.read_bytes()
     changing_path(path).mkdir()
-    with pytest.raises(StorageError, match=r"a\.h5: .* Is a directory") as refused:
+    with pytest.raises(StorageError, check=at(path)) as refused:
         apply_time_map(path, [TimeStep(0, S, "gps")])
-    assert "nothing was changed" in (refused.value.fix or "")
+    assert refused.value.fix
     assert path.read_bytes() == before
     changing_path(path).rmdir()
     apply_time_map(path, [TimeStep(0, S, "gps")])
