@@ -36,7 +36,8 @@ from fieldkit.model.samples import Frame
 from fieldkit.page.document import document
 from fieldkit.page.keys import Keys
 from fieldkit.recording.campaign import init_campaign
-from fieldkit.views.feed import FeedReader, feed_path
+from fieldkit.recording.status_request import feed_path
+from fieldkit.views.feed import FeedReader
 
 HOST = "127.0.0.1"
 SECONDS, SETTLED_S, ROUNDS = 10.0, 1.0, 3
@@ -192,8 +193,8 @@ def _clock_offset_ms(campaign: Path) -> float:
     Frames reach this follower of the recording a little after the camera's time, so delays come out too short
     by as much.
     """
-    (journal,) = (campaign / "recordings").glob("*.journal")
-    reader, end = FeedReader(feed_path(journal)), time.monotonic() + DELAYS_S
+    (session,) = (campaign / "recordings").glob("*.h5")
+    reader, end = FeedReader(feed_path(session)), time.monotonic() + DELAYS_S
     offsets = [math.inf]
     for item in reader.items():
         if isinstance(item, Frame):

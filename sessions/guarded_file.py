@@ -24,6 +24,7 @@ import numpy as np
 
 from fieldkit.disk import BEGIN_BYTES, Patience, begin_sync, write_all
 from fieldkit.model.arrays import AnyArray
+from fieldkit.sessions import superblock
 from fieldkit.sessions.file_tree import LIBVER
 
 
@@ -94,6 +95,8 @@ class GuardedDisk(io.RawIOBase):
     def write(self, data: memoryview) -> int:  # type: ignore[override]
         """Write everything."""
         at, size = self._position, len(data)
+        if (at, size) == (0, superblock.SIZE):
+            data = memoryview(superblock.share(bytes(data)))
         self._ask(lambda: write_all(self._descriptor, data, at))
         if self.error is not None:
             self._unwritten.append((at, bytes(data)))

@@ -17,7 +17,8 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.next_step import Action
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
+SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
+_WRITTEN, _SHARED = 1, 4
 _MASK = 0xFFFFFFFF
 CHECK_PATH = "check the path; " + Action.LIST_SESSIONS() + " shows the sessions of a campaign"
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
@@ -33,10 +34,10 @@ def _superblock(path: Path) -> bytes:
         raise SessionError("a directory, pipe or device, not a file", place=path, fix=CHECK_PATH)
     try:
         with path.open("rb") as file:
-            head = file.read(_SIZE)
+            head = file.read(SIZE)
     except OSError as error:
         raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
-    if len(head) < _SIZE or not head.startswith(SIGNATURE):
+    if len(head) < SIZE or not head.startswith(SIGNATURE):
         raise SessionError("not an HDF5 file", place=path, fix=CHECK_PATH)
     if head[_VERSION] != 3:
         raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
@@ -45,8 +46,21 @@ def _superblock(path: Path) -> bytes:
 
 def mend(superblock: bytes, length: int) -> bytes:
     """The superblock of a file of `length` bytes that is not being written."""
+    return _changed(superblock, 0, length)
+
+
+def share(superblock: bytes) -> bytes:
+    """The superblock of a file being written as others may open it meanwhile.
+
+    To files that are not the library's own it writes "one writer, many readers" without "being written".
+    """
+    flags, (end,) = superblock[_FLAGS], struct.unpack_from("<Q", superblock, _END)
+    return _changed(superblock, flags | _WRITTEN if flags & _SHARED else flags, end)
+
+
+def _changed(superblock: bytes, flags: int, length: int) -> bytes:
     head = bytearray(superblock)
-    head[_FLAGS] = 0
+    head[_FLAGS] = flags
     struct.pack_into("<Q", head, _END, length)
     struct.pack_into("<I", head, _CHECKSUM, lookup3(bytes(head[:_CHECKSUM])))
     return bytes(head)

@@ -37,8 +37,9 @@ from fieldkit.recording.running import (
     session_in_progress,
     waiting_recorder,
 )
+from fieldkit.recording.status_request import feed_path
 from fieldkit.sessions.lock import is_locked, journal_path, owner
-from fieldkit.views.feed import FeedReader, FeedStart, feed_path
+from fieldkit.views.feed import FeedReader, FeedStart
 from fieldkit.views.latest import Item, Latest, Trend
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -156,7 +157,7 @@ class Conductor:
         deadline = time.monotonic() + FEED_WITHIN_S
         while not self._ending.is_set() and is_locked(journal_path(session)):
             with suppress(OSError):
-                return FeedReader(feed_path(journal_path(session)))
+                return FeedReader(feed_path(session))
             if time.monotonic() > deadline:
                 return None
             time.sleep(LOOK_EVERY_S)

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,16 +34,18 @@ from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.recording.recordings import session_path
 from fieldkit.recording.redrawing import Redrawing
-from fieldkit.recording.request_reader import RequestReader, StatusServer
+from fieldkit.recording.request_reader import RequestReader
 from fieldkit.recording.requests import inbox
 from fieldkit.recording.running import PREVIEW_ENDS_WITHIN_S, PREVIEW_LOCK_NAME, only_recorder
+from fieldkit.recording.status import reported_status
+from fieldkit.recording.status_request import feed_path
 from fieldkit.results.minutes import keep_recorded
 from fieldkit.results.session import Session, open_session
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.lock import await_unlocked, journal_path
+from fieldkit.sessions.lock import await_unlocked
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
-from fieldkit.views.feed import Feed, feed_path
+from fieldkit.views.feed import Feed
 from fieldkit.views.latest import Latest
 from fieldkit.views.terminal_view import NotebookLine, is_notebook
 
@@ -322,16 +325,11 @@ class _Series:
         end_ns = None if self._end_ns is None else prepared.instruments.clock.to_utc_ns(self._end_ns)
         streams, regions = prepared.instruments.streams, self._redrawing.regions
         latest = Latest(prepared.config.site, regions, streams, path.stem, end_ns)
-        offered: list[View] = []
-        for offer in (
-            lambda: Feed(feed_path(journal_path(path)), latest),
-            lambda: StatusServer(path, title, latest),
-        ):
-            try:
-                offered.append(offer())
-            except OSError as error:
-                log.warning("no other program can follow this recording: %s", error)
-        return offered
+        try:
+            return [Feed(feed_path(path), latest, partial(reported_status, path, title, latest))]
+        except OSError as error:  # FAT and some network folders have no sockets; requests are files
+            log.warning("no other program can follow this recording: %s", error)
+            return []
 
 
 @contextmanager

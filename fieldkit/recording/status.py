@@ -22,7 +22,7 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.recording.running import UnresponsiveRecorder, unresponsive_recorder
 from fieldkit.results.describe import brief, recorded_learnt
 from fieldkit.results.estimate import as_document, estimator_for
-from fieldkit.results.json_document import learnt_document
+from fieldkit.results.json_document import learnt_document, plain_json
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -87,6 +87,18 @@ def _document(status: RecordingStatus) -> dict[str, Any]:
             for event in latest.events[-LAST_EVENTS:]
         ],
     }  # fmt: skip
+
+
+def reported_status(session: Path, title: str, latest: Latest, cols: int) -> str:
+    """The status that a recorder reports of itself, as JSON; null before the first sample."""
+    times_ns = [frame.time_ns for frame in latest.frames.values()]
+    times_ns += [reading.time_ns for reading in latest.readings.values()]
+    if not times_ns:
+        return "null"
+    streams = latest.health.streams if latest.health else ()
+    counts = {stream.stream: stream.received for stream in streams}
+    status = RecordingStatus(session, title, latest.start_ns, max(times_ns), counts, latest, None)
+    return plain_json(status_reply(status, cols))
 
 
 def stored_status(path: Path) -> RecordingStatus:

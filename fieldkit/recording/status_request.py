@@ -1,4 +1,4 @@
-"""Asking a recorder for its status: one request and one reply on a socket beside the session.
+"""Asking a recorder for its status: one message and one reply on the socket of its feed.
 
 The recorder has everything at hand and draws it, so that the command that asks loads no library for it.
 """
@@ -6,7 +6,6 @@ The recorder has everything at hand and draws it, so that the command that asks 
 from __future__ import annotations
 
 import json
-import socket
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,10 @@ from fieldkit.recording.running import unresponsive_recorder
 from fieldkit.sessions.lock import journal_path
 from fieldkit.views import unix_socket
 
-NAME = "status"
-WAITS_S = 5.0
-"""A recorder on a busy small computer needs a second for its status."""
 
-
-def status_path(session: Path) -> Path:
+def feed_path(session: Path) -> Path:
     """The socket of the recorder of a session."""
-    return journal_path(session) / NAME
+    return journal_path(session) / "feed"
 
 
 def present_status(session: Path, cols: int = 80) -> dict[str, Any]:
@@ -41,11 +36,11 @@ def recorder_status(session: Path, cols: int = 80) -> dict[str, Any] | None:
     if unresponsive_recorder(session) is not None:
         return None
     try:
-        with unix_socket.connect(status_path(session), WAITS_S) as connection:
-            connection.sendall(json.dumps({"cols": cols}).encode())
-            connection.shutdown(socket.SHUT_WR)
+        with unix_socket.connect(feed_path(session), unix_socket.WAITS_S) as connection:
+            connection.sendall(unix_socket.message(json.dumps([unix_socket.STATUS, {"cols": cols}])))
             with connection.makefile("rb") as stream:
-                reply: dict[str, Any] = json.loads(stream.read())
+                header, _ = unix_socket.read_message(stream) or (b"[null, null]", b"")
+        status: dict[str, Any] | None = json.loads(header)[1]
     except (OSError, ValueError):
         return None
-    return reply
+    return status

@@ -1,11 +1,11 @@
 """The feed: what a recording shows, passed to other processes of the same user on a Unix socket.
 
-`Feed` is a view of the recorder; it listens beside the session. A reader receives what is known so far, then
-every small item and the newest frame of each stream. Each reader has a thread of its own that waits for it,
-so a slow reader loses frames and never delays the recorder.
+`Feed` is a view of the recorder that listens beside the session. A connection begins with a message of
+the reader: after ``["Status", {"cols": 80}]`` it receives one message, the status; after ``["Feed", {}]``
+what is known so far, then every small item and the newest frame of each stream. Each reader has a thread that
+waits for it, so a slow reader loses frames and never delays the recorder.
 
-A message is two lengths (header, body; little-endian, 32 bits), a JSON header, and for frames the counts as
-body. Both ends are of one computer and read with the same code.
+The header of a message (`unix_socket`) names the kind of item, its body are the counts of a frame.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from __future__ import annotations
 import json
 import logging
 import socket
-import struct
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,15 +30,13 @@ from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
 from fieldkit.views import unix_socket
 from fieldkit.views.latest import Item, Latest, Trend
+from fieldkit.views.unix_socket import FEED, STATUS
 
 log: logging.Logger = logging.getLogger(__name__)
 
-NAME = "feed"
-LENGTHS = struct.Struct("<II")
 MAX_READERS = 8
 SMALL_ITEMS_KEPT = 4096
 """Readings, events and minutes that may wait for a reader; the oldest are dropped."""
-HEADER_MAX, BODY_MAX = 16_000_000, 64_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +62,22 @@ KINDS: dict[str, type[Any]] = {
 }
 
 
-def feed_path(journal: Path) -> Path:
-    """The socket of the recording whose journal folder is given."""
-    return journal / NAME
+def no_status(cols: int) -> str:
+    """The status of a recording that is not asked for it."""
+    return "null"
 
 
 class Feed:
     """A view that serves a recording to readers on a Unix socket, which only this user can open.
 
+    `status(cols)` returns the recording's status as JSON, for a screen of so many columns.
     Raises `OSError` if it cannot listen.
     """
 
-    def __init__(self, path: Path, latest: Latest) -> None:
-        self._latest = latest
+    def __init__(self, path: Path, latest: Latest, status: Callable[..., str] = no_status) -> None:
+        self._latest, self._status = latest, status
         self._readers: list[_Sender] = []
+        self._is_closed = False
         self._lock = threading.Lock()
         self._socket = unix_socket.listening(path)
         threading.Thread(target=self._accept, name="feed", daemon=True).start()
@@ -94,9 +93,9 @@ class Feed:
         """End: readers receive what waits for them, then the end of the stream."""
         unix_socket.end(self._socket)
         with self._lock:
-            readers, self._readers = self._readers, []
-        for reader in readers:
-            reader.offer(None)
+            self._is_closed = True
+            for reader in self._readers:
+                reader.offer(None)
 
     def _accept(self) -> None:
         while True:
@@ -104,13 +103,33 @@ class Feed:
                 connection, _ = self._socket.accept()
             except OSError:  # closed
                 return
+            threading.Thread(target=self._serve, args=(connection,), name="feed reader", daemon=True).start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        """Send what is asked for, until the feed or the reader ends."""
+        try:
+            with connection, connection.makefile("rb") as stream, suppress(OSError):
+                connection.settimeout(unix_socket.WAITS_S)
+                header, _ = unix_socket.read_message(stream) or (b"", b"")
+                name, values = json.loads(header)
+                if name == STATUS:
+                    connection.sendall(unix_socket.message(f'["{STATUS}", {self._status(**values)}]'))
+                elif name == FEED:
+                    connection.settimeout(None)
+                    self._send(connection)
+        except (ValueError, TypeError) as error:
+            log.warning("a request to this recording was not understood: %r", error)
+
+    def _send(self, connection: socket.socket) -> None:
+        with self._lock:
+            if self._is_closed or len(self._readers) >= MAX_READERS:
+                return
+            self._readers.append(reader := _Sender(connection, self._so_far()))
+        try:
+            reader.run()
+        finally:
             with self._lock:
-                self._readers = [reader for reader in self._readers if reader.is_alive()]
-                if len(self._readers) >= MAX_READERS:
-                    connection.close()
-                    continue
-                self._readers.append(sender := _Sender(connection, self._so_far()))
-            sender.start()
+                self._readers.remove(reader)
 
     def _so_far(self) -> list[Any]:
         latest = self._latest
@@ -122,11 +141,10 @@ class Feed:
         return [start, latest.trend, *(item for item in (*last, latest.minute) if item is not None)]
 
 
-class _Sender(threading.Thread):
+class _Sender:
     """Sends items to one reader; `offer` never waits for it."""
 
     def __init__(self, connection: socket.socket, first: Sequence[Any]) -> None:
-        super().__init__(name="feed reader", daemon=True)
         self._connection = connection
         self._small: deque[Any] = deque(first, SMALL_ITEMS_KEPT)
         self._frames: dict[str, Frame] = {}
@@ -143,12 +161,11 @@ class _Sender(threading.Thread):
 
     def run(self) -> None:
         """Send until the feed or the reader ends."""
-        with self._connection, suppress(OSError):
-            while True:
-                for item in self._waiting():
-                    if item is None:
-                        return
-                    self._connection.sendall(encode(item))
+        while True:
+            for item in self._waiting():
+                if item is None:
+                    return
+                self._connection.sendall(encode(item))
 
     def _waiting(self) -> list[Any]:
         with self._wake:
@@ -168,6 +185,7 @@ class FeedReader:
     def __init__(self, path: Path) -> None:
         self._socket = unix_socket.connect(path)
         self._stream = self._socket.makefile("rb")
+        self._socket.sendall(unix_socket.message(f'["{FEED}", {{}}]'))
 
     def items(self) -> Iterator[Any]:
         """A `FeedStart`, a `Trend`, then items of the recording until it ends, its process dies, or `close`.
@@ -175,16 +193,8 @@ class FeedReader:
         Raises `ValueError` for bytes of another format.
         """
         with self._socket, self._stream, suppress(OSError):
-            while lengths := self._stream.read(LENGTHS.size):
-                if len(lengths) < LENGTHS.size:
-                    return
-                header_size, body_size = LENGTHS.unpack(lengths)
-                if header_size > HEADER_MAX or body_size > BODY_MAX:
-                    raise ValueError(f"a message of {header_size} + {body_size} bytes is not of a feed")
-                header, body = self._stream.read(header_size), self._stream.read(body_size)
-                if len(header) < header_size or len(body) < body_size:
-                    return
-                yield decode(header, body)
+            while received := unix_socket.read_message(self._stream):
+                yield decode(*received)
 
     def close(self) -> None:
         """End `items`, also while another thread waits in it."""
@@ -207,8 +217,7 @@ def encode(item: Any) -> bytes:
         plain = {**item._asdict(), "raw": item.raw.hex()}
     else:
         plain = asdict(item)
-    header = json.dumps([type(item).__name__, plain], default=_plain).encode()
-    return LENGTHS.pack(len(header), len(body)) + header + body
+    return unix_socket.message(json.dumps([type(item).__name__, plain], default=_plain), body)
 
 
 def decode(header: bytes, body: bytes) -> Any:

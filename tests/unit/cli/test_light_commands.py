@@ -13,7 +13,7 @@ import pytest
 import fieldkit
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status import status_reply, stored_status
-from fieldkit.recording.status_request import recorder_status, status_path
+from fieldkit.recording.status_request import feed_path, recorder_status
 from fieldkit.views import unix_socket
 from tests.harness.command_line import document, succeed
 from tests.harness.seldom import SET_SELDOM
@@ -182,13 +182,14 @@ def known(value: float | None) -> float:
 
 def test_a_request_that_is_not_one_gets_no_answer_and_the_next_one_does(recording):
     session = recording[1]
-    for bad in (b"", b"{}", b"[]", b'{"cols": "x"}', b"\xff"):
-        with unix_socket.connect(status_path(session), 10.0) as connection:
+    bad_headers = ("", "{}", "[]", "[3, 4]", '["Status", {"cols": "x"}]')
+    for bad in (b"", b"\xff" * 30, *map(unix_socket.message, bad_headers)):
+        with unix_socket.connect(feed_path(session), 10.0) as connection:
             connection.sendall(bad)
             connection.shutdown(1)
             assert connection.recv(1) == b""
     assert recorder_status(session)["regions"] == ["flat", "b05", "b15", "b25"]
-    assert status_path(session).stat().st_mode & 0o777 == 0o600
+    assert feed_path(session).stat().st_mode & 0o777 == 0o600
 
 
 def test_a_killed_recorder_leaves_nothing_that_looks_like_a_recording(tmp_path):
@@ -196,7 +197,7 @@ def test_a_killed_recorder_leaves_nothing_that_looks_like_a_recording(tmp_path):
     process, session = begun(folder)
     process.kill()
     process.wait()
-    assert status_path(session).is_socket()  # it is still there, and nothing listens
+    assert feed_path(session).is_socket()  # it is still there, and nothing listens
     assert_nothing_runs(folder)
     assert "interrupted" in succeed("ls", "-C", folder).stdout
 

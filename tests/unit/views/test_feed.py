@@ -12,8 +12,9 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decode, encode
+from fieldkit.views.feed import Feed, FeedReader, FeedStart, decode, encode
 from fieldkit.views.latest import Latest, Trend
+from fieldkit.views.unix_socket import LENGTHS
 
 SITE = Site(37.7, -105.92, 2317.0, "America/Denver")
 REGIONS = (Region("flat", RegionKind.REFERENCE, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), 0.0, 0.0),)
