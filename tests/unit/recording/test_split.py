@@ -21,6 +21,7 @@ from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.request_reader import recover_session
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
+from tests.harness.page import served
 
 FASTEST = ("simulation.speed=max", 'record.sampling="all"')
 BOUNDARY_NS = 1_451_674_920_000_000_000  # 2016-01-01T19:02:00Z, a minute after the simulated day's begin
@@ -187,3 +188,19 @@ def test_a_recorder_killed_while_one_session_follows_another_loses_nothing(whole
     for stream, samples in whole.items():
         assert rows[stream] == samples[: len(rows[stream])]
         assert len(rows[stream]) >= sum(time_ns < BOUNDARY_NS for time_ns, *_ in samples)
+
+
+def test_page_status_marks_and_stop_follow_to_the_next_session(tmp_path):
+    fieldkit.init_campaign(tmp_path / "field", simulated=True)
+    settings = {"preview": True, "simulation__speed": 20, "record__split": "1m"}
+    with served(tmp_path / "field", **settings) as page, page.browser() as browser:
+        browser.next("state", phase="preview")
+        assert browser.request(do="start", name="day", duration="10m")["ok"]
+        browser.next("state", phase="recording", session="20160101T190100Z-day")
+        assert browser.request(do="mark", text="second")["ok"]
+        assert fieldkit.status(tmp_path / "field")["session"].endswith("20160101T190100Z-day.h5")
+        assert browser.request(do="stop", confirm=True)["data"]["session"] == "20160101T190100Z-day"
+        browser.next("state", phase="preview")
+    first, second = map(fieldkit.open_session, sessions_in(tmp_path / "field/recordings"))
+    assert (first.state, second.state) == ("sealed", "sealed")
+    assert [event.text for event in second.events() if event.kind is EventKind.MARK] == ["second"]
