@@ -3,6 +3,7 @@
 import zlib
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -40,6 +41,8 @@ def test_block_shapes_of_the_known_cameras():
     assert chunk_shape(camera(192, 256, 25.0)) == (25, 64, 64)
     assert chunk_shape(camera(512, 640, 30.0)) == (30, 64, 80)
     assert chunk_shape(camera(13, 521, 1.0)) == (8, 13, 521)
+    bursts = {count: chunk_shape(replace(camera(120, 160, 9.0), burst_frames=count))[0] for count in (3, 100)}
+    assert bursts == {3: 3, 100: 50}  # so that no burst waits in a chunk for the next
 
 
 def test_chunk_unpacks_to_what_was_packed():

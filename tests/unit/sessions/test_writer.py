@@ -4,9 +4,11 @@ import dataclasses
 import shutil
 from pathlib import Path
 
+import h5py
 import pytest
 
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
@@ -14,6 +16,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions import journal, session_file
 from fieldkit.sessions import seal as seal_module
+from fieldkit.sessions.layout import FRAME_DATASETS
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord, RegionRecord
@@ -308,6 +311,30 @@ def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted
     appended_and_read(path, appended)
     with open_session(path) as session:
         assert any("was deleted while recording" in event.text for event in session.events())
+
+
+def test_ten_minutes_are_hardly_larger_than_their_numbers(tmp_path):
+    path, clock, head = tmp_path / "a.h5", CountedClock(), header((24, 32), 1.0)
+    writer = SessionWriter(path, head, clock)
+    for second in range(600):
+        mono_ns = second * 10**9
+        time_ns = clock.to_utc_ns(mono_ns)
+        for info in head.streams:
+            writer.append(sample(info, second, mono_ns, time_ns))
+        writer.put(Health(mono_ns, time_ns, (), 10**9))
+        if second % 60 == 0:
+            slopes = [SlopeEstimate(time_ns, name, SlopeState.OK) for name in head.region_names]
+            writer.put(MinuteRecord(time_ns, tuple(slopes), 800.0, "eq10", learnt=Learnt(())))
+    report, numbers = writer.close(), list[int]()
+
+    def count(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset):
+            is_packed = name.rsplit("/", 1)[-1] in FRAME_DATASETS
+            numbers.append(node.id.get_storage_size() if is_packed else node.size * node.dtype.itemsize)
+
+    with h5py.File(path) as file:
+        file.visititems(count)
+    assert report.bytes - sum(numbers) < 150_000
 
 
 def test_bytes_written_are_those_on_the_disk(tmp_path):
