@@ -255,11 +255,10 @@ def _region(row: Row) -> Region:
 
 def estimates_from(table: Table) -> list[SlopeEstimate]:
     """The estimates of every minute and region that has one."""
-    return [_estimate(row) for row in _rows(table)]
-
-
-def _estimate(row: Row) -> SlopeEstimate:
-    return _entry(SlopeEstimate, row, state=SlopeState(row["state"]), flags=Quality(row["flags"]))
+    return [
+        _entry(SlopeEstimate, row, state=SlopeState(row["state"]), flags=Quality(row["flags"]))
+        for row in _rows(table)
+    ]
 
 
 def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:

@@ -7,7 +7,7 @@ of several versions in a file the newest holds.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -58,21 +58,21 @@ def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
 
 def mapped_event(steps: Sequence[TimeStep], event: Event) -> Event:
     """The event with its time corrected by a map, and the other times in its details."""
-    data = dict(event.data)
-    for name in _TIMES:
-        if isinstance(time_ns := data.get(name), int):
-            data[name] = time_ns + added_ns(steps, event.mono_ns + time_ns - event.time_ns)
-    return replace(event, time_ns=event.time_ns + added_ns(steps, event.mono_ns), data=data)
+    before_ns = event.mono_ns - event.time_ns
+    return _moved_event(event, event.mono_ns, lambda time_ns: time_ns + added_ns(steps, time_ns + before_ns))
 
 
 def recorded_event(steps: Sequence[TimeStep], event: Event, anchor_ns: int) -> Event:
     """The event as recorded, of one with corrected times: the inverse of `mapped_event`."""
-    data = dict(event.data)
-    for name in _TIMES:
-        if isinstance(time_ns := data.get(name), int):
-            data[name] = recorded_mono_ns(steps, time_ns, anchor_ns) + anchor_ns
     mono_ns = recorded_mono_ns(steps, event.time_ns, anchor_ns)
-    return replace(event, mono_ns=mono_ns, time_ns=mono_ns + anchor_ns, data=data)
+    return _moved_event(
+        event, mono_ns, lambda time_ns: recorded_mono_ns(steps, time_ns, anchor_ns) + anchor_ns
+    )
+
+
+def _moved_event(event: Event, mono_ns: int, move: Callable[[int], int]) -> Event:
+    times = {name: move(time) for name in _TIMES if isinstance(time := event.data.get(name), int)}
+    return replace(event, mono_ns=mono_ns, time_ns=move(event.time_ns), data={**event.data, **times})
 
 
 def recorded_mono_ns(steps: Sequence[TimeStep], time_ns: int, anchor_ns: int) -> int:
