@@ -21,7 +21,7 @@ from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
 from fieldkit.model.next_step import Action
 from fieldkit.model.quantities import COMPONENTS
-from fieldkit.recording.opening import SIMULATED
+from fieldkit.recording.opening import SIMULATED, open_in_time
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 SKIP = "skip"
@@ -159,7 +159,7 @@ def _declaration(
     driver = settings.driver
     needs = {key: values for key, values in registry.needs(driver).items() if key not in settings.options}
     try:
-        with closing(registry.open_device(settings, HostClock())) as opened:
+        with closing(open_in_time(settings, HostClock())) as opened:
             info = opened.info
     except ConfigError:
         if not needs:

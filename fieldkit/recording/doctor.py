@@ -24,6 +24,7 @@ from fieldkit.model.finding import Finding
 from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.next_step import Action
 from fieldkit.model.version import __version__
+from fieldkit.recording.opening import open_in_time
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 POWER = Path("/sys/class/power_supply")
@@ -190,7 +191,7 @@ def _instrument_findings(device: DeviceSettings) -> Iterator[Finding]:
 def _declaration_findings(device: DeviceSettings) -> Iterator[Finding]:
     """Refuse what `record` refuses: an instrument that does not state what it measures, nor its options."""
     try:
-        with closing(registry.open_device(device, HostClock())) as opened:
+        with closing(open_in_time(device, HostClock())) as opened:
             unit = opened.info.unit
     except ConfigError as error:
         yield Finding("fail", device.name, error.message, error.fix or "")

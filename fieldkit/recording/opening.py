@@ -110,12 +110,12 @@ def open_all(
     With `allow_missing` what is not plugged in or does not come back is skipped. Raises `DeviceError`, or
     `ConfigError` for a single instrument whose options are wrong.
     """
-    opened: list[Device] = []
+    devices: list[Device] = []
     failed: list[ConfigError | DeviceError] = []
     try:
         for setting in settings:
             try:
-                opened.append(open_in_time(setting, clock))
+                devices.append(open_in_time(setting, clock))
             except (ConfigError, DeviceError) as error:
                 if not (allow_missing and isinstance(error, DeviceNotFoundError | HangingDriverError)):
                     failed.append(error)
@@ -124,9 +124,9 @@ def open_all(
         if failed:
             raise together(failed)
     except BaseException:
-        _close_all(opened)
+        _close_all(devices)
         raise
-    return tuple(opened)
+    return tuple(devices)
 
 
 class HangingDriverError(DeviceTimeoutError):
