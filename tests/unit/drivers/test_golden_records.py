@@ -21,12 +21,11 @@ def test_bytes_mean_what_the_maker_says(golden):
     assert not decoded.rejected
     assert list(decoded.notes) == golden.get("notes", list(decoded.notes))
     assert decoded.rest == 0
-    assert [(value.unit, value.channel, value.flags) for value in decoded.values] == [
-        (expected["unit"], expected["channel"], expected["flags"]) for expected in golden["values"]
-    ]
-    assert [value.value for value in decoded.values] == pytest.approx(
-        [expected["value"] for expected in golden["values"]], rel=1e-6, nan_ok=True
-    )
+    for value, expected in zip(decoded.values, golden["values"], strict=True):
+        assert (value.unit, value.channel, value.flags) == tuple(
+            expected[key] for key in ("unit", "channel", "flags")
+        )
+        assert value.value == pytest.approx(expected["value"], rel=1e-6, nan_ok=True)
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["id"])

@@ -17,17 +17,8 @@ from tests.unit.drivers.meters.test_ut325_bridge import Ch9325
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 VIDEO = ("purethermal", "p2pro", "boson", "ht301", "thermal-master", "tc002c", "y16")
-SERIAL = (
-    "mlx90640",
-    "konica-minolta",
-    "lutron",
-    "center-309",
-    "center-303",
-    "modbus",
-    "pce-174",
-    "nmea",
-    "text",
-)
+METERS = ("konica-minolta", "lutron", "center-309", "center-303", "modbus", "pce-174", "nmea", "text")
+SERIAL = ("mlx90640", *METERS)
 NETWORK = ("tcam", "htpa", "gpsd")
 ELSEWHERE = {"genicam": "tests/lab: aravis"}
 

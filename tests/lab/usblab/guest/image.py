@@ -85,22 +85,7 @@ def _build(image: Path, distribution: str) -> None:
 
 
 def _skeleton(root: Path) -> None:
-    for folder in (
-        *[
-            "usr/bin",
-            "usr/sbin",
-            "usr/lib64",
-            "etc/udev/rules.d",
-            "proc",
-            "sys",
-            "dev",
-            "run",
-            "tmp",
-            "root",
-            "home",
-        ],
-        LIBRARIES,
-    ):
+    for folder in ("usr/bin", "usr/sbin", "usr/lib64", LIBRARIES, "etc/udev/rules.d", *EMPTY):
         (root / folder).mkdir(parents=True)
     for name in ("bin", "sbin", "lib", "lib64"):
         (root / name).symlink_to(f"usr/{name}")

@@ -38,6 +38,9 @@ def printed(tmp_path_factory):
     return run
 
 
+FIRST = ("T28FF641D93160300", 21.56, "°C")
+
+
 @pytest.mark.parametrize(
     ("name", "sensors", "expected"),
     [
@@ -47,21 +50,9 @@ def printed(tmp_path_factory):
         ("light", {"COUNTS": -1}, [("lux", math.nan, "lx")]),
         ("thermocouple", {"CELSIUS": -5.25}, [("T1", -5.25, "°C"), ("cold_junction", 22.44, "°C")]),
         ("thermocouple", {"CELSIUS": "nan"}, [("T1", math.nan, ""), ("cold_junction", 22.44, "°C")]),
-        (
-            "one_wire",
-            {"CELSIUS": 34.06},
-            [("T28FF641D93160300", 21.56, "°C"), ("T28FF641D93160301", 34.06, "°C")],
-        ),
-        (
-            "one_wire",
-            {"CELSIUS": -127},
-            [("T28FF641D93160300", 21.56, "°C"), ("T28FF641D93160301", math.nan, "")],
-        ),
-        (
-            "one_wire",
-            {"CELSIUS": 85},
-            [("T28FF641D93160300", 21.56, "°C"), ("T28FF641D93160301", math.nan, "")],
-        ),
+        ("one_wire", {"CELSIUS": 34.06}, [FIRST, ("T28FF641D93160301", 34.06, "°C")]),
+        ("one_wire", {"CELSIUS": -127}, [FIRST, ("T28FF641D93160301", math.nan, "")]),
+        ("one_wire", {"CELSIUS": 85}, [FIRST, ("T28FF641D93160301", math.nan, "")]),
         ("humidity", {"CELSIUS": 23.45}, [("air", 23.45, "°C"), ("humidity", 45.67, "%")]),
         ("humidity", {"CELSIUS": "nan"}, [("air", math.nan, ""), ("humidity", math.nan, "")]),
     ],
@@ -69,7 +60,6 @@ def printed(tmp_path_factory):
 def test_a_sketch_prints_lines_that_the_text_driver_reads(printed, name, sensors, expected):
     decoded = Text().decode(printed(name, **sensors), {})
     assert decoded.rejected == ()
-    assert [(one.channel, one.unit) for one in decoded.values] == [(name, unit) for name, _, unit in expected]
-    assert [one.value for one in decoded.values] == pytest.approx(
-        [value for _, value, _ in expected], rel=1e-4, nan_ok=True
-    )
+    for value, (channel, number, unit) in zip(decoded.values, expected, strict=True):
+        assert (value.channel, value.unit) == (channel, unit)
+        assert value.value == pytest.approx(number, rel=1e-4, nan_ok=True)

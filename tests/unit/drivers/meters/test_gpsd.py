@@ -96,8 +96,7 @@ def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
     ("text", "reason"),
     [
         (b"{\n", "not a gpsd report"),
-        (b"[]\n", "not an object"),
-        (b"17\n", "not an object"),
+        *((text, "not an object") for text in (b"[]\n", b"17\n")),
         (b'{"class":"PPS"}\n', "'clock_sec' is missing"),
         (b'{"class":"PPS","real_sec":1,"real_nsec":0,"clock_sec":1,"clock_nsec":1e999}\n', "not a number"),
         (b'{"class":"TPV","mode":3,"lat":"x"}\n', "not a gpsd report"),

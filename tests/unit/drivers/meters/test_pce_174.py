@@ -20,13 +20,8 @@ def changed(**offsets):
 @pytest.mark.parametrize(
     ("state", "unit", "value"),
     [
-        (0, "lx", 98700),
-        (1, "lx", 98.7),
-        (2, "lx", 987),
-        (3, "lx", 9870),
-        (4, "fc", 9870),
-        (5, "fc", 9.87),
-        (7, "fc", 987),
+        *((state, "lx", value) for state, value in enumerate((98700, 98.7, 987, 9870))),
+        *((state, "fc", value) for state, value in ((4, 9870), (5, 9.87), (7, 987))),
     ],
 )
 def test_unit_and_range_scale_the_value(state, unit, value):
@@ -42,11 +37,8 @@ def test_relative_mode_has_no_value():
 
 
 @pytest.mark.parametrize(
-    (
-        "state",
-        "flags",
-    ),  # the whole byte, and the mode that philpagel/PCE174-communication (protocol.md) names
-    [
+    ("state", "flags"),
+    [  # the whole byte, and the mode that philpagel/PCE174-communication (protocol.md) names
         (0x91, ["stale", "peak_minimum"]),
         (0x99, ["stale", "peak_maximum"]),
         (0xA1, ["stale", "maximum"]),
