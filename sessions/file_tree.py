@@ -152,8 +152,9 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     group = put_group(file, name, nx_class, **signal)
     regions, streams = labels(header.region_names, 64), labels(info.name for info in header.streams)
     xy, enu = labels(["x", "y"], 1), labels(["east", "north", "up"], 5)
-    rate_hz = 1.0 if name == "health" else 0.0
-    put_columns(group, columns, rate_hz, region=regions, stream=streams, xy=xy, enu=enu)
+    put_columns(
+        group, columns, 1.0 if name == "health" else 0.0, region=regions, stream=streams, xy=xy, enu=enu
+    )
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:
