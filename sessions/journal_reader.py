@@ -31,17 +31,25 @@ _PLACE = np.dtype([("seq", "<i8"), ("kind", "<i8"), ("log", "<i8"), ("at", "<i8"
 class JournalReader:
     """The records of one session in the folder of a journal; a context manager.
 
-    The session is that of `session_id`, or else the one that most of the files are of. `damage` names what
-    was found to be damaged by what was read so far. Raises `FormatError` for a journal of another version,
-    `SessionError` where the folder holds no readable one.
+    The session is that of `identity`, of which there may be nothing; or else the one that most of the files
+    are of. `damage` names what was found to be damaged by what was read so far. Raises `FormatError` for a
+    journal of another version, `SessionError` where no file says what session it is of.
     """
 
-    def __init__(self, folder: Path, session_id: str | None = None) -> None:
+    def __init__(self, folder: Path, identity: SessionIdentity | None = None) -> None:
         self.folder = folder
         self._logs = list(_open_logs(folder))
         self._unreadable: list[str] = []
-        self._session = session_number(session_id) if session_id else mode(session_numbers(folder) or [0])
-        self.identity: SessionIdentity = self._identity()
+        numbers = [session_number(identity.session_id)] if identity else session_numbers(folder)
+        self._session = mode(numbers or [0])
+        try:
+            stated = next(iter([*self._identities()]), identity)
+            if stated is None:
+                raise SessionError("holds no readable journal", place=folder)
+        except SessionError:
+            self.close()
+            raise
+        self.identity: SessionIdentity = stated
         self._logs.sort(key=lambda log: (log.part, log.is_copy))
         self._entries = len(self.identity.header.streams)
 
@@ -79,10 +87,12 @@ class JournalReader:
         parts, or all but that one: under the same boot the kernel has kept both. It is not known in a copy:
         one made while it was recorded may have a lock as old as its parts.
         """
-        index, last = self._index, self._logs[-1]
+        index, last = self._index, self._logs[-1] if self._logs else None
         if index.is_closed:
             return ""
-        if last.origin is None or last.origin.boot != boot_id():
+        if last is None or last.origin is None:
+            return "no part of the journal is there"
+        if last.origin.boot != boot_id():
             return "the computer was started again since"
         if last.is_copy:
             return f"{last.name} is a copy"
@@ -131,34 +141,21 @@ class JournalReader:
                     is_entry = head.kind == Kind.ENTRY
                     yield _entry(payload) if is_entry else SampleRow.decode(head.stream, head.seq, payload)
 
-    def _identity(self) -> SessionIdentity:
-        """The session, as one of the logs states it; notes of each log what file it was made as."""
-        identities = []
-        for log, payload in self._identities():
-            try:
-                identity, log.origin = SessionIdentity.from_json(payload, self.folder)
-            except FormatError:
-                self.close()
-                raise
-            except (SessionError, ValueError, TypeError) as error:
-                self._unreadable.append(str(error))
-                continue
-            identities.append(identity)
-        if identities:
-            return identities[0]
-        count = sum(1 for log in self._logs for _ in log.heads())
-        damage = "; ".join(self._unreadable) or f"{count} records, and no head of this session"
-        self.close()
-        raise SessionError(f"holds no readable journal: {damage}", place=self.folder)
-
-    def _identities(self) -> Iterator[tuple[LogReader, bytes]]:
+    def _identities(self) -> Iterator[SessionIdentity]:
+        """The session, as the head of each log states it; notes of each log what file it was made as."""
         for log in self._logs:
             heads = (
                 head for head in log.heads() if (head.kind, head.session) == (Kind.IDENTITY, self._session)
             )
-            for head in islice(heads, 1):
-                if (payload := log.payload(head)) is not None:
-                    yield log, payload
+            for payload in filter(None, map(log.payload, islice(heads, 1))):
+                try:
+                    identity, log.origin = SessionIdentity.from_json(payload, self.folder)
+                except FormatError:
+                    raise
+                except (SessionError, ValueError, TypeError) as error:
+                    self._unreadable.append(f"{log.name}: {error}")
+                else:
+                    yield identity
 
     def _payloads(self, stream: int, first: int = 0, last: int = 2**62) -> Iterator[tuple[int, bytes]]:
         """The payload of each record of a stream; of one that stands twice, the first that can be read."""

@@ -195,12 +195,12 @@ class SessionReader:
 
     @property
     def identity(self) -> SessionIdentity:
-        """Head of the journal of this session."""
+        """Head of the journal of this session; where its start cannot be read, that of the first sample."""
         try:
-            start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
-        except (SessionError, ValueError) as error:
-            raise explain(self.path, error) from error
-        return SessionIdentity(self.session_id, utc_ns(start), self.anchor_ns, self.header)
+            start_ns = utc_ns(datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time"))))
+        except (SessionError, ValueError):
+            start_ns = self.start_ns
+        return SessionIdentity(self.session_id, start_ns, self.anchor_ns, self.header)
 
     @property
     def regions(self) -> tuple[Region, ...]:

@@ -231,8 +231,9 @@ def _make(
     try:
         with Salvage(path, packed=packed) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
-        if state == SEALED and salvage.losses:
-            raise IntegrityError(f"not whole: {'; '.join(salvage.losses)}", place=path)
+        if state == SEALED and (salvage.lost or salvage.lost_entries):
+            losses = [*(f"{run.stream}: {run.count} samples lost" for run in salvage.lost), *salvage.damage]
+            raise IntegrityError(f"not whole: {'; '.join(losses)}", place=path)
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
         with suppress(OSError):

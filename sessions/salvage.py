@@ -49,19 +49,17 @@ class Salvage:
     """
 
     def __init__(self, path: Path, *, packed: bool = True) -> None:
-        self._file_damage: list[str] = []
-        self._missing: list[str] = []
+        self._damage: list[str] = []
         self._path = path
         self._packed = packed
-        self._stack = ExitStack()
-        self._session = self._try_session()
-        self._journal = self._try_journal()
-        self._is_finished = self._session is not None and self._session.was_finished
         self._is_import = self._file_is_ahead = False
         self.lost_entries: int = 0
-        self.identity: SessionIdentity = self._identity()
-        nothing = (0,) * (len(self.identity.header.streams) + 1)
-        self._written = self._journal.written if self._journal is not None else nothing
+        with ExitStack() as stack:
+            self._session = self._try_session(stack)
+            self._journal = self._open_journal(stack)
+            self._stack = stack.pop_all()
+        self._is_finished = self._session is not None and self._session.was_finished
+        self.identity: SessionIdentity = self._journal.identity
         self.statistics: dict[str, RecoveryStatistics] = {
             info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams
         }
@@ -75,8 +73,7 @@ class Salvage:
     @property
     def damage(self) -> list[str]:
         """In words, what could not be read of the file and of the journal, and what was left out."""
-        left_out = self._journal.left_out if self._journal is not None else []
-        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *left_out]
+        return [*dict.fromkeys([*self._damage, *self._journal.damage]), *self._journal.left_out]
 
     @property
     def lost(self) -> list[LostRange]:
@@ -84,92 +81,63 @@ class Salvage:
         return [run for stats in self.statistics.values() for run in stats.lost]
 
     @property
-    def losses(self) -> list[str]:
-        """In words, what does not come back: damage of the file alone is made good by the journal."""
-        return [*(f"{run.stream}: {run.count} samples lost" for run in self.lost), *self._journal_damage]
-
-    @property
     def doubt(self) -> str:
         """Why it is not known what was the last record there ever was, in words; empty where it is known."""
-        if self._is_finished and self._journal is None:
+        if self._is_finished:
             return ""
-        if self._is_import and not self._is_finished:  # its journal looks whole
+        if self._is_import:  # its journal looks whole
             return _CUT_IMPORT
-        if self._journal is None:
-            return "there is no journal that counts it"
         # the journal is synced each second, the file's pages may reach the disk before
         return "the session file goes on behind the journal" if self._file_is_ahead else self._journal.doubt
 
-    @property
-    def _journal_damage(self) -> list[str]:
-        damage = self._journal.damage if self._journal is not None else []
-        return list(dict.fromkeys([*self._missing, *damage]))
-
-    def _try_session(self) -> SessionReader | None:
+    def _try_session(self, stack: ExitStack) -> SessionReader | None:
         try:
-            return self._stack.enter_context(open_interrupted(self._path, salvage=True))
+            return stack.enter_context(open_interrupted(self._path, salvage=True))
         except FormatError:
             raise
         except SessionError as error:
-            self._file_damage.append(error.message)
+            self._damage.append(error.message)
             return None
 
-    def _try_journal(self) -> JournalReader | None:
-        folder = journal_path(self._path)
+    def _open_journal(self, stack: ExitStack) -> JournalReader:
+        """The journal of the file's session; without the file of that which most of its logs are of."""
+        identity = self._session.identity if self._session is not None else None
         try:
-            if any(folder.glob("*.log")):
-                session_id = self._session.session_id if self._session is not None else None
-                return self._stack.enter_context(JournalReader(folder, session_id))
+            return stack.enter_context(JournalReader(journal_path(self._path), identity))
         except FormatError:
-            self._stack.close()
             raise
         except SessionError as error:
-            self._missing.append(error.message)
-            return None
-        self._missing.append("the journal is gone: only what the file itself holds is recovered")
-        return None
-
-    def _identity(self) -> SessionIdentity:
-        if side := self._journal or self._session:
-            return side.identity
-        self._stack.close()
-        raise SessionError(
-            f"nothing can be read of {self._path}: {'; '.join(self.damage)}",
-            fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
-        )
+            raise SessionError(
+                f"nothing can be read of {self._path}: {'; '.join([*self._damage, error.message])}",
+                fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
+            ) from error
 
     def samples(self, stream: str) -> Iterator[Sample | PackedBlock]:
         """Every sample of a stream that can be had, by number; whole blocks of frames in one piece."""
         place = [info.name for info in self.identity.header.streams].index(stream)
         info, stats = self.identity.header.streams[place], self.statistics[stream]
-        stored = StoredSamples(self._session, info, self._file_damage)
+        stored = StoredSamples(self._session, info, self._damage)
         loose = LooseChunks(self._path, self._session, self._journal, info)
-        journalled = self._journal.numbers(place) if self._journal is not None else np.empty(0, np.int64)
-        numbers = np.union1d(journalled, stored.numbers)
+        numbers = np.union1d(self._journal.numbers(place), stored.numbers)
         for block in _parts(numbers, numbers // block_rows(info)):
-            rows = self._rows(place, block)
+            rows = {row.seq: row for row in self._journal.rows(place, int(block[0]), int(block[-1]))}
             if (packed := self._packed_block(info, loose, block, rows, stats)) is not None:
                 yield packed
                 continue
             for seq in block.tolist():
-                sample = _first_whole(rows.get(seq), info, stored, loose, seq)
+                row = rows.get(seq)
+                sample = (row.sample(info) if row else None) or stored.get(seq)
+                sample = sample or (loose.get(row) if row else None)
                 if sample is not None and seq >= stats.next_seq:
                     stats.from_journal += not stored.has(seq)
                     stats.from_file += seq not in rows
                     stats.keep(seq, sample.time_ns, sample_crc32(sample, *sample_bytes(sample)))
                     yield sample
-        stats.lose(max(stored.total, self._written[place]), 0)
-        self._file_is_ahead |= stored.total > self._written[place]
-        if stats.from_file and self._journal is not None:
-            self._file_damage.append(
-                f"{stream}: the journal lacks {stats.from_file} samples of the session file"
-            )
-
-    def _rows(self, place: int, block: IntArray) -> Rows:
-        """The journal's rows of a block of samples."""
-        if self._journal is None:
-            return {}
-        return {row.seq: row for row in self._journal.rows(place, int(block[0]), int(block[-1]))}
+        written = self._journal.written[place]
+        stats.lose(max(stored.total, written), 0)
+        self._file_is_ahead |= stored.total > written
+        if stats.from_file and not self._is_finished:
+            self._damage.append(f"{stream}: the journal lacks {stats.from_file} samples of the session file")
 
     def _packed_block(
         self, info: StreamInfo, loose: LooseChunks, block: IntArray, rows: Rows, stats: RecoveryStatistics
@@ -186,22 +154,23 @@ class Salvage:
 
     def entries(self) -> Iterator[Entry]:
         """Everything but samples: from the journal, and from the file what a damaged journal lost."""
-        journalled = list(self._journal.entries()) if self._journal is not None else []
-        stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
+        journalled, written = list(self._journal.entries()), self._journal.written[-1]
+        stored = _stored_entries(self._session, self._damage) if self._session is not None else []
         count = 0
         for kind in _KINDS:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
-            entries = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
+            is_whole = len(journalled) == written and len(ours) >= len(theirs)
+            entries = ours if is_whole else _together(ours, theirs)
             count += len(entries)
             self._is_import |= any(
                 isinstance(entry, Event) and entry.kind is EventKind.IMPORTED for entry in entries
             )
             yield from entries
-        self._file_is_ahead |= count > self._written[-1]
-        if (lost := self._written[-1] - count) > 0:
-            self._lose(lost, f"{lost} of {self._written[-1]} events, slopes and records of health are lost")
-        if self._session is not None and self._journal is None:
+        self._file_is_ahead |= count > written
+        if (lost := written - count) > 0:
+            self._lose(lost, f"{lost} of {written} events, slopes and records of health are lost")
+        if self._session is not None and not written:
             for name, there, claimed in _lost_rows(self._session):
                 self._lose(claimed - there, f"{name}: rows {there} to {claimed - 1} of {claimed} are lost")
 
@@ -217,7 +186,7 @@ class Salvage:
 
     def _lose(self, count: int, text: str) -> None:
         self.lost_entries += count
-        self._missing.append(text)
+        self._damage.append(text)
 
 
 def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
@@ -258,17 +227,6 @@ def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
     """Numbers cut where their keys change."""
     borders = np.flatnonzero(np.diff(keys)) + 1
     return [part for part in np.split(numbers, borders) if part.size]
-
-
-def _first_whole(
-    row: SampleRow | None, info: StreamInfo, stored: StoredSamples, loose: LooseChunks, seq: int
-) -> Sample | None:
-    """The sample from the first side that has it whole."""
-    if row is not None and (sample := row.sample(info)) is not None:
-        return sample
-    if (sample := stored.get(seq)) is not None:
-        return sample
-    return loose.get(row) if row is not None else None
 
 
 def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
@@ -410,7 +368,7 @@ class LooseChunks:
     """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
     def __init__(
-        self, path: Path, session: SessionReader | None, journal: JournalReader | None, info: StreamInfo
+        self, path: Path, session: SessionReader | None, journal: JournalReader, info: StreamInfo
     ) -> None:
         self._path = path
         self._session = session
@@ -464,4 +422,4 @@ class LooseChunks:
         return block
 
     def _chunks(self, dataset: str, start: int) -> list[Chunk]:
-        return self._journal.chunks(dataset, start) if self._journal is not None else []
+        return self._journal.chunks(dataset, start)

@@ -23,7 +23,7 @@ from fieldkit.sessions import journal, journal_reader, session_file
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.log import LogReader
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import open_interrupted, open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.salvage import LostRange, Salvage
 from fieldkit.sessions.writer import SessionWriter
@@ -80,9 +80,9 @@ def record_on(folder: Path, kind: Kind, shift_ns: int) -> None:
 
 def is_caught_up(path: Path, frames: int) -> bool:
     """Whether the session file has all samples."""
-    with suppress(SessionError), open_session(path) as session:
+    with suppress(SessionError, OSError, RuntimeError), open_interrupted(path) as session:
         return min(session.count("camera"), session.count("lux")) == frames
-    return False  # not made yet, or not yet open to readers
+    return False  # not made yet, or just being written
 
 
 @dataclass(frozen=True)

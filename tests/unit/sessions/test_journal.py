@@ -279,7 +279,8 @@ def test_session_is_that_of_most_files_or_the_one_asked_for(tmp_path, session_id
     journal = filled(tmp_path / "journal", 10, part_bytes=15_000)
     other = filled(tmp_path / "other", 30, part_bytes=15_000, session_id="another")
     shutil.copy(other.part_path(2), journal.part_path(0))  # the first by its name
-    with JournalReader(journal.folder, session_id) as reader:
+    identity = session_id and replace(IDENTITY, session_id=session_id)
+    with JournalReader(journal.folder, identity or None) as reader:
         assert reader.identity.session_id == (session_id or "a-session")
         ours = reader.numbers(0).tolist()
         (foreign,) = [line for line in reader.left_out if "000000.log" in line] or [""]
