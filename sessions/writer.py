@@ -87,23 +87,26 @@ class SessionWriter:
     def _open(self, start_mono_ns: int) -> None:
         start, anchor = self._clock.to_utc_ns(start_mono_ns), self._clock.to_utc_ns(0)
         self._identity = SessionIdentity(str(uuid.uuid4()), start, anchor, self.header)
-        with contextlib.ExitStack() as undo:
-            try:
-                self._make(undo)
-            except FileExistsError as error:
-                raise RefusedError(
-                    "exists already", place=self.path, fix="give the session another name"
-                ) from error
-            except (OSError, RuntimeError) as error:
-                raise StorageError(
-                    f"cannot be begun: {getattr(error, 'strerror', None) or error}",
-                    place=self.path,
-                    fix="choose a folder that can be written and has room",
-                ) from error
-            undo.pop_all()
+        try:
+            Patience()(self._make_all)
+        except FileExistsError as error:
+            raise RefusedError(
+                "exists already", place=self.path, fix="give the session another name"
+            ) from error
+        except (OSError, RuntimeError) as error:
+            raise StorageError(
+                f"cannot be begun: {getattr(error, 'strerror', None) or error}",
+                place=self.path,
+                fix="choose a folder that can be written and has room",
+            ) from error
         self._syncer = SyncThread(self._journal, self._add_error)
         self._file_thread.start()
         self._syncer.start()
+
+    def _make_all(self) -> None:
+        with contextlib.ExitStack() as undo:
+            self._make(undo)
+            undo.pop_all()
 
     def _make(self, undo: contextlib.ExitStack) -> None:
         """Make what a session needs, noting how to undo it; `FileExistsError` where something is there."""
@@ -271,10 +274,12 @@ def _delete(path: Path) -> None:
 
 def _remove_begun(folder: Path) -> None:
     """Delete the folder of a session that could not be begun, without opening any file: none may be left."""
+    patience = Patience()  # what stays would look like another session to the next attempt
     for path in (*Journal.first_files(folder), folder / RECORDING, folder / "reserve"):
-        _delete(path)
+        with contextlib.suppress(OSError):
+            patience(partial(path.unlink, missing_ok=True))
     with contextlib.suppress(OSError):
-        folder.rmdir()
+        patience(folder.rmdir)
 
 
 def _reserve(folder: Path) -> None:
