@@ -152,9 +152,8 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     group = put_group(file, name, nx_class, **signal)
     regions, streams = labels(header.region_names, 64), labels(info.name for info in header.streams)
     xy, enu = labels(["x", "y"], 1), labels(["east", "north", "up"], 5)
-    put_columns(
-        group, columns, 1.0 if name == "health" else 0.0, region=regions, stream=streams, xy=xy, enu=enu
-    )
+    rate_hz = 1.0 if name == "health" else 0.0
+    put_columns(group, columns, rate_hz, region=regions, stream=streams, xy=xy, enu=enu)
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:
@@ -293,5 +292,4 @@ def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any
 
 def labels(names: Iterable[str], width: int = 32) -> np.ndarray[Any, Any]:
     """Names as UTF-8 text of fixed width; at least one, as no scale may be empty."""
-    data = [encode_text(name, width) for name in names] or [b""]
-    return np.array(data, h5py.string_dtype("utf-8", width))
+    return np.array([encode_text(name, width) for name in names] or [b""], h5py.string_dtype("utf-8", width))

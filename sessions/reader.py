@@ -613,8 +613,6 @@ def _warn_where_changed(session: SessionReader) -> None:
     """Warn where what all numbers depend on is not as it was sealed; `check` looks at all the rest."""
     with contextlib.suppress(SessionError, OSError, RuntimeError, KeyError, ValueError):
         sealed = session.sealed_objects()
-        changed = [
-            path for path in sealed if path in _MEANING and session.object_digest(path) != sealed[path]
-        ]
+        changed = [path for path in _MEANING if session.object_digest(path) != sealed[path]]
         if changed:
             log.warning(_CHANGED, session.path, " and ".join(changed))
