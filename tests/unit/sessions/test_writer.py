@@ -4,9 +4,11 @@ import dataclasses
 import shutil
 from pathlib import Path
 
+import h5py
 import pytest
 
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
@@ -14,6 +16,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions import journal, session_file
 from fieldkit.sessions import seal as seal_module
+from fieldkit.sessions.layout import FRAME_DATASETS
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord, RegionRecord
@@ -44,7 +47,7 @@ def test_samples_are_the_same_to_the_nanosecond(tmp_path):
     appended = fill(writer, 50, clock)
     report = writer.close()
     assert report.counts == {"camera": 50, "lux": 13, "thermometer": 13}
-    assert report.verified == len(appended) == 76
+    assert sum(report.counts.values()) == len(appended) == 76
     assert writer.close() is report
     assert writer.is_closed
     appended_and_read(tmp_path / "a.h5", appended)
@@ -118,7 +121,7 @@ def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path, i
         writer.abandon()
         assert recover(path).lost_samples == 0
     else:
-        assert writer.close().verified == len(appended)
+        assert sum(writer.close().counts.values()) == len(appended)
     appended_and_read(path, appended)
     with open_session(path) as session:
         far, ancient = (event for event in session.events()[:3] if "wolke" not in event.text)
@@ -150,7 +153,7 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     with pytest.raises(ValueError, match="raw bytes"):
         writer.append(sample(HEADER.streams[1], 0)._replace(raw=bytes(17)))
     frame = sample(HEADER.streams[0], 0)
-    with pytest.raises(ValueError, match=r"\(2, 32\) metadata rows, the sample has \(0, 32\)"):
+    with pytest.raises(ValueError, match=r"\(2, 32\).*\(0, 32\)"):
         writer.append(frame._replace(metadata_rows=frame.metadata_rows[:0]))
     for name in ("counts", "metadata_rows"):
         with pytest.raises(ValueError, match="int32, not uint16"):
@@ -160,7 +163,7 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     many = tuple((float(n), float(n % 7)) for n in range(65))
     with pytest.raises(ValueError, match="65 corners"):
         writer.put(RegionRecord(Region("big", RegionKind.TARGET, many), 0))
-    assert writer.close().verified == 0
+    assert not any(writer.close().counts.values())
 
 
 def test_closed_writer_takes_nothing(tmp_path):
@@ -227,7 +230,7 @@ def test_session_of_which_something_is_lost_is_not_sealed(tmp_path, monkeypatch)
             row = sample(HEADER.streams[0], seq).counts[5].tobytes()
             data = data.replace(row, bytes(len(row)))
         part.write_bytes(data)
-    with pytest.raises(StorageError, match="camera: 5 samples lost") as caught:
+    with pytest.raises(StorageError, match="camera: 5 ") as caught:
         writer.close()
     assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
     assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.journal"]
@@ -287,7 +290,7 @@ def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path):
         crcs = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
     seal_module.seal(tmp_path / "a.h5", crcs, 1)
     for name in crcs:
-        with pytest.raises(IntegrityError, match=f"samples of {name} are not those of the journal"):
+        with pytest.raises(IntegrityError, match=f"of {name} "):
             seal_module.seal(tmp_path / "a.h5", {**crcs, name: [*crcs[name], 1]}, 1)
 
 
@@ -307,6 +310,30 @@ def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted
     appended_and_read(path, appended)
     with open_session(path) as session:
         assert any("was deleted while recording" in event.text for event in session.events())
+
+
+def test_ten_minutes_are_hardly_larger_than_their_numbers(tmp_path):
+    path, clock, head = tmp_path / "a.h5", CountedClock(), header((24, 32), 1.0)
+    writer = SessionWriter(path, head, clock)
+    for second in range(600):
+        mono_ns = second * 10**9
+        time_ns = clock.to_utc_ns(mono_ns)
+        for info in head.streams:
+            writer.append(sample(info, second, mono_ns, time_ns))
+        writer.put(Health(mono_ns, time_ns, (), 10**9))
+        if second % 60 == 0:
+            slopes = [SlopeEstimate(time_ns, name, SlopeState.OK) for name in head.region_names]
+            writer.put(MinuteRecord(time_ns, tuple(slopes), 800.0, "eq10", learnt=Learnt(())))
+    report, numbers = writer.close(), list[int]()
+
+    def count(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset):
+            is_packed = name.rsplit("/", 1)[-1] in FRAME_DATASETS
+            numbers.append(node.id.get_storage_size() if is_packed else node.size * node.dtype.itemsize)
+
+    with h5py.File(path) as file:
+        file.visititems(count)
+    assert report.bytes - sum(numbers) < 150_000
 
 
 def test_bytes_written_are_those_on_the_disk(tmp_path):
