@@ -241,7 +241,7 @@ def output_at(address: str, line: int) -> AlarmOutput:
         return ServiceOutput(address, line)
     except ImportError as error:
         fix = f"{install_extra('alarms')}, or remove alarms.services_file"
-        raise ConfigError(f"alarms.services_file needs {error.name}", fix=fix) from error
+        raise ConfigError(f"needs {error.name}", place="alarms.services_file", fix=fix) from error
     except ValueError:
         place = f"line {line} of alarms.services_file"
         fix = "write one such as tgram://TOKEN/CHAT or mqtt://USER:PASSWORD@HOST/TOPIC, with / as %2F inside"

@@ -252,7 +252,8 @@ class Recorder:
         self.writer.release_reserve()  # an event may need the space
         if not self.carry_out(self.last_requests()):
             raise StorageError(
-                f"the last marks could not be stored in {self.writer.path}; they are kept beside it",
+                "the last marks could not be stored; they are kept beside it",
+                place=self.writer.path,
                 fix="free some space, then: " + Action.RECOVER(self.writer.path),
             )
         now = self.clock.mono_ns()

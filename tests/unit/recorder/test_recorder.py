@@ -1,6 +1,7 @@
 """A recording through the real program, on simulated devices, whose estimator, views or user give up."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -89,7 +90,7 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
 
     def fail() -> None:
         failures.append(1)
-        raise ZeroDivisionError("no light at all")
+        raise ZeroDivisionError("dark")
 
     # only a mistake of ours raises this
     monkeypatch.setattr(part, method, after(at, fail, getattr(part, method)))
@@ -98,8 +99,7 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
     counts, events = stored(the_session(campaign))
     assert is_whole(counts)
     (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
-    assert (lost.severity, "no light at all" in lost.text) == (Severity.ERROR, True)
-    assert "recording goes on" in lost.text
+    assert (lost.severity, "ZeroDivisionError('dark')" in lost.text) == (Severity.ERROR, True)
     assert failures == [1]  # it is not asked again
 
 
@@ -107,15 +107,14 @@ def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_
     campaign, monkeypatch
 ):
     def fail(self: Estimator) -> None:
-        raise ValueError("nothing to divide by")
+        raise ValueError("empty")
 
     monkeypatch.setattr(Estimator, "collect_rest", fail)  # only a mistake of ours does
     assert record(campaign).exit_code == 0
     counts, events = stored(the_session(campaign))
     assert is_whole(counts)
-    assert [event.text for event in events if event.kind is EventKind.ESTIMATOR] == [
-        "live estimates stopped: ValueError('nothing to divide by'); recording goes on"
-    ]
+    (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
+    assert (lost.severity, "ValueError('empty')" in lost.text) == (Severity.ERROR, True)
 
 
 def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):
@@ -153,8 +152,8 @@ def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(campaign, m
     monkeypatch.setattr(Estimator, "collect", after(100, interrupt, Estimator.collect))
     done = record(campaign)
     assert done.exit_code != 0
-    assert "stopped at once; the journal is kept. next: fieldkit recover" in done.output
     path = the_session(campaign)
+    assert "fieldkit recover" in done.output
     assert not is_locked(journal_path(path))
     recovered = CliRunner().invoke(main, ["recover", str(path), "--json"])
     assert recovered.exit_code == 0, recovered.output
@@ -204,7 +203,8 @@ def gives_up(path: Path) -> None:
     """The session is sealed, says that estimates stopped, and raised that alarm and no other."""
     _, events = stored(path)
     (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
-    assert "live estimates stopped: none came for" in lost.text
+    assert lost.severity is Severity.ERROR
+    assert re.search(r"\b[123] s\b", lost.text)  # how long was waited for the estimates
     assert [event.data["alarm"] for event in events if phase_of(event)] == ["estimator"]
 
 
@@ -248,7 +248,7 @@ def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_jo
     done.send_signal(second)
     _, errors = done.communicate(timeout=120)
     assert done.returncode != 0
-    assert "the journal is kept. next: fieldkit recover" in errors
+    assert "fieldkit recover" in errors
     recovered = CliRunner().invoke(main, ["recover", str(the_session(campaign))])
     assert recovered.exit_code == 0, recovered.output
     with open_session(the_session(campaign)) as session:
@@ -293,7 +293,7 @@ def test_a_view_that_fails_is_told_and_left_out(campaign):
 
     def show(minute: Minute) -> None:
         shown.append(minute)
-        raise OSError("the terminal is gone")
+        raise OSError("gone")
 
     config = load_config(campaign / FILE_NAME, settings=["simulation.speed=max"])
     with fieldkit.record(config, duration=LENGTH_S, on_minute=show) as session:
@@ -301,7 +301,7 @@ def test_a_view_that_fails_is_told_and_left_out(campaign):
         assert len(session.minutes()) > 1
     assert is_whole(counts)
     (lost,) = [event for event in events if event.kind is EventKind.VIEW]
-    assert "a view stopped: OSError('the terminal is gone')" in lost.text
+    assert (lost.severity, "OSError('gone')" in lost.text) == (Severity.WARNING, True)
     assert len(shown) == 1
 
 
