@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 import fieldkit
-from fieldkit.config import load_config
+from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
+from fieldkit.model.marks import Mark
 from fieldkit.model.samples import EventKind
 from fieldkit.model.site import Site
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import ns_until
+from fieldkit.recording.request_reader import RequestReader
+from fieldkit.recording.requests import send_to_recorder
+from fieldkit.recording.status_request import feed_path, present_status, recorder_status
 from fieldkit.sessions.reader import open_session
 from fieldkit.views import formatting
 
@@ -91,3 +95,36 @@ def test_meters_slower_than_usual_are_waited_for_and_not_taken_for_silent(tmp_pa
             times_s = stored.times_ns(name) / 1e9
             assert times_s.size >= 5
             assert np.diff(times_s) == pytest.approx(every_s, abs=0.5)
+
+
+def test_without_a_socket_a_recording_goes_on_its_status_comes_from_its_files_and_marks_are_kept(
+    tmp_path, monkeypatch, caplog
+):
+    replies, marks = [], []
+
+    def occupy(self, folder, *others):
+        (folder.parent / "feed").touch()
+        genuine(self, folder, *others)
+
+    def look(minute):
+        if not marks:
+            marks.append(send_to_recorder(campaign / "recordings", Mark("windy")))
+            session = marks[0].session
+            assert feed_path(session).is_file()
+            assert recorder_status(session) is None
+            replies.append(present_status(session))
+
+    genuine = RequestReader.__init__
+    # a plain file where the socket is to be: between two steps, which nothing outside can time
+    monkeypatch.setattr(RequestReader, "__init__", occupy)
+    campaign = tmp_path / "sand"
+    create_campaign(campaign, SIMULATED)
+    config = load_config(campaign / FILE_NAME, settings=["simulation.speed=max"])
+    session = fieldkit.record(config, duration=150, on_minute=look)
+    (warning,) = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert isinstance(warning.args[0], OSError)
+    (status,) = replies
+    assert 0 < status["document"]["counts"]["thermometer"] < session.count("thermometer")
+    (mark,) = [event for event in session.events() if event.kind is EventKind.MARK]
+    assert (mark.text, mark.data["request"]) == ("windy", marks[0].id)
+    assert session.state == "sealed"
