@@ -118,7 +118,7 @@ class FrameWriter:
     `places` has the offset of the last write of each size (`GuardedDisk.places`).
     """
 
-    def __init__(self, dataset: h5py.Dataset, pool: Executor, places: Mapping[int, int]) -> None:
+    def __init__(self, dataset: h5py.Dataset, pool: Executor, places: dict[int, int]) -> None:
         self._dataset, self._name = dataset, dataset.name
         self._pool, self._places = pool, places
         self.depth, rows, cols = dataset.chunks
@@ -160,6 +160,7 @@ class FrameWriter:
                 self._dataset.id.write_direct_chunk((start, *chunk.corner), chunk.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
+        self._places.clear()  # a week of recording has as many sizes as chunks
         self._dataset.id.write_direct_chunk(corner, data)
         # the library itself would look through all chunks there are, longer and longer
         return Chunk(self._name, *corner, self._places[len(data)], len(data), crc32)

@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -119,7 +119,7 @@ class SessionFile:
 class _Stream:
     """One stream of samples: its columns and, of a camera, its blocks."""
 
-    def __init__(self, group: h5py.Group, info: Any, pool: Executor, places: Mapping[int, int]) -> None:
+    def __init__(self, group: h5py.Group, info: Any, pool: Executor, places: dict[int, int]) -> None:
         self._table = TableWriter(group, stream_columns(info))
         names = [name for name in FRAME_DATASETS if name in group]
         self._writers = [FrameWriter(group[name], pool, places) for name in names]
@@ -179,6 +179,9 @@ FLUSH_EVERY_S = 1.0
 SYNC_EVERY_S = 10.0
 
 COMPRESSORS = 2
+
+MOST_UNVERIFIED = 1024
+"""Chunks that are read back together, if the journal is not shortened before."""
 
 _POLL_S = 0.01  # what is behind is so by seconds
 
@@ -312,6 +315,8 @@ class FileThread(threading.Thread):
         if self._flushed_at - self._synced_at >= SYNC_EVERY_S:
             self.file.sync()
             self._synced_at = self._flushed_at
+            if len(self._unverified) > MOST_UNVERIFIED:  # a slow journal is not shortened for days
+                self._verify()
         self._shorten_journal()
 
     def _shorten_journal(self) -> None:
@@ -328,7 +333,7 @@ class FileThread(threading.Thread):
             self._journal.retire(full.popleft()[0])
 
     def _verify(self) -> None:
-        """Read back every chunk written since the last part went; raises `OSError`."""
+        """Read back every chunk written since the last time; raises `OSError`."""
         for chunk in self._unverified.values():
             if read_chunk(self.file.path, chunk) is None:
                 raise OSError(f"the chunk at byte {chunk.offset} does not read as it was written")

@@ -489,6 +489,14 @@ class History:
     def __len__(self) -> int:
         return self.minute.size
 
+    def plus(self, entry: MinuteBin) -> History:
+        """The same with one bin more, which may have regions that were drawn since."""
+        parts = self, History.of([entry])
+        columns = [part.temperature_k.shape[1] for part in parts]
+        return join(
+            [part.spread(range(count), max(columns)) for part, count in zip(parts, columns, strict=True)]
+        )
+
     def arrays(self) -> dict[str, AnyArray]:
         """Every array by its name; ``History(**arrays)`` is the same history."""
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -18,6 +18,7 @@ from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned import inputs, readout
+from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
@@ -226,7 +227,7 @@ class _Group:
         self._learner: Learner | None = None
         self._found: list[readout.KnownSlope] = []
         self._moments = readout.Moments((), np.empty(0), np.empty((0, 0)))
-        self._errors: tuple[FloatArray, FloatArray] = np.empty((0, 0)), np.empty((0, 0))
+        self._errors: ErrorSums = ErrorSums()
         self._first = 0
         self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
@@ -290,7 +291,8 @@ class _Group:
         if self._learner is not None:
             # from the first minute taken on: a shade test that ends changes minutes that were taken
             self._shade = shaded[self._first :]
-            self._errors = _errors(self._learner)
+            heaviest = int(np.argmax(self._learner.posterior.log_weights))
+            self._errors = self._learner.errors.under(heaviest)
             self._found = [readout.known_slope(self._learner, index) for index in range(self._targets.size)]
             self._moments = readout.moments(self._learner)
 
@@ -334,7 +336,7 @@ class _Group:
             tilt_high_deg=max(slope.region.tilt_high_deg, tilt),
             azimuth_low_deg=slope.region.azimuth_low_deg,
             azimuth_high_deg=slope.region.azimuth_high_deg,
-            chi_square=_mean_square(self._errors[1][:, self._layout.references + index]),
+            chi_square=self._errors.chi_square(self._layout.references + index),
             kelvin_per_degree=_kelvin_per_degree(learner, index, tilt, azimuth),
         )
         if not self._has_seen_the_sun(learner, slope.best):
@@ -387,7 +389,7 @@ class _Group:
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         # the reference's errors too: every slope rests on it
-        worst = readout.misfit(self._errors[1])[[0, self._layout.references + index]].max()
+        worst = self._errors.misfit[[0, self._layout.references + index]].max()
         if worst <= readout.MOST_MISFIT:
             return ""
         question = readout.cause(learner.minutes, self._surprise(learner))
@@ -436,30 +438,12 @@ class _Group:
         if learner is None:
             return None
         names = [self._columns.regions[column].name for column in self._layout.columns]
-        kelvin, standard = self._errors
         return Learnt(
             readout.learnt_parameters(learner, self._moments),
-            dict(zip(names, _rms(kelvin).tolist(), strict=True)),
-            dict(zip(names, readout.autocorrelation(standard).tolist(), strict=True)),
-            _mean_square(standard),
+            dict(zip(names, self._errors.rms_k.tolist(), strict=True)),
+            dict(zip(names, self._errors.autocorrelation.tolist(), strict=True)),
+            self._errors.chi_square(),
         )
-
-
-def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
-    """Prediction errors (n, regions) under the heaviest hypothesis: kelvin, and standardised."""
-    # one hypothesis, because a mixture has no innovations of its own
-    heaviest = int(np.argmax(learner.posterior.log_weights))
-    kelvin = np.array([innovation.difference[heaviest] for innovation in learner.innovations])
-    return kelvin, np.array([innovation.standardised[heaviest] for innovation in learner.innovations])
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    is_finite = np.isfinite(values)
-    return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.maximum(is_finite.sum(axis=0), 1)))
-
-
-def _mean_square(values: FloatArray) -> float:
-    return float(np.nanmean(values**2)) if np.isfinite(values).any() else math.nan
 
 
 def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_deg: float) -> float:

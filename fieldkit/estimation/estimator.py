@@ -7,12 +7,15 @@ samples that gives the same bins gives the same slopes, to the last bit.
 from __future__ import annotations
 
 import math
+import pickle
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 
 from fieldkit.estimation.binner import Binner, Closed
-from fieldkit.estimation.bins import History, MinuteBin, pad
+from fieldkit.estimation.bins import History, pad
 from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
@@ -23,6 +26,9 @@ from fieldkit.model.samples import Event, Quality, Sample
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import tilt_azimuth
+
+PACKED_MINUTES = 60
+"""Minutes that are kept as they are before they are packed: a day of them as objects has 10 MB."""
 
 __all__ = ["Estimator", "EstimatorSettings", "Minute"]
 
@@ -86,10 +92,10 @@ class Estimator:
         self.site = site
         self.settings: EstimatorSettings = settings or EstimatorSettings()
         self._binner = Binner(site, regions, streams, self.settings)
-        self.bins: list[MinuteBin] = []
-        """All that closed so far."""
-        self.minutes: list[Minute] = []
-        """All that were estimated so far."""
+        self.history: History = History.of([], len(self.schedule.columns))
+        """All bins closed so far, of every outline in `schedule`."""
+        self._last_minutes: list[Minute] = []
+        self._packed_minutes: list[bytes] = []
         self._chain = SlopeChain(regions, self.settings)
 
     @property
@@ -100,7 +106,7 @@ class Estimator:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions that hold in the last minute closed, at first those that hold from the beginning."""
-        return self.schedule.regions_at(self.bins[-1].minute if self.bins else 0)
+        return self.schedule.regions_at(int(self.history.minute[-1]) if len(self.history) else 0)
 
     @property
     def irradiance_model(self) -> str:
@@ -108,9 +114,10 @@ class Estimator:
         return self._binner.irradiance_model
 
     @property
-    def history(self) -> History:
-        """All bins closed so far, of every outline in `schedule`."""
-        return History.of(self.bins, len(self.schedule.columns))
+    def minutes(self) -> list[Minute]:
+        """All that were estimated so far."""
+        hours = (pickle.loads(zlib.decompress(packed)) for packed in self._packed_minutes)
+        return [*chain.from_iterable(hours), *self._last_minutes]
 
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target after the last minute; none by the paper."""
@@ -137,12 +144,16 @@ class Estimator:
 
     def minute(self, closed: Closed) -> Minute:
         """Slopes at the end of a bin; every bin is to be given once, in order."""
-        self.bins.append(closed[0])
+        self.history = self.history.plus(closed[0])
         self._chain.schedule = self.schedule
         estimated = self._chain.at(self.history)
         measured = measured_minute(closed, self.schedule, self.irradiance_model)
-        self.minutes.append(replace(measured, estimates=estimated.slopes, learnt=estimated.learnt))
-        return self.minutes[-1]
+        minute = replace(measured, estimates=estimated.slopes, learnt=estimated.learnt)
+        self._last_minutes.append(minute)
+        if len(self._last_minutes) == PACKED_MINUTES:
+            self._packed_minutes.append(zlib.compress(pickle.dumps(self._last_minutes)))
+            self._last_minutes = []
+        return minute
 
 
 def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: str) -> Minute:

@@ -251,7 +251,7 @@ def keep_recorded(path: Path, estimator: Estimator) -> None:
         if session.has_corrected_marks:  # it estimated some minutes before it knew the corrections
             return
         stored = len(session.table("irradiance")["time"])
-        if session_minutes.settings == estimator.settings and stored == len(estimator.minutes):
+        if session_minutes.settings == estimator.settings and stored == len(estimator.history):
             session_minutes.keep(estimator)
 
 

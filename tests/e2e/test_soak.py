@@ -60,3 +60,35 @@ def test_long_recording_loses_nothing_and_keeps_its_memory(tmp_path, frames):
     assert found["journal"] < 1_100_000_000
     if frames > 100_000:
         assert max(found["memory"][10:]) - min(found["memory"][10:]) < 20
+
+
+FLAT = """
+import gc, json, sys
+from pathlib import Path
+import fieldkit
+from fieldkit.config import load_config
+from fieldkit.config.template import SIMULATED
+from fieldkit.recording.campaign import create_campaign
+
+memory = []
+
+def look(minute):
+    gc.collect()
+    lines = Path("/proc/self/status").read_text().splitlines()
+    memory.append(next(int(line.split()[1]) / 1000 for line in lines if line.startswith("RssAnon")))
+
+folder, hours = Path(sys.argv[1]), int(sys.argv[2])
+create_campaign(folder, SIMULATED)
+config = load_config(folder / "fieldkit.toml", settings=["simulation.speed=max"])
+fieldkit.record(config, duration=hours * 3600, on_minute=look)
+print(json.dumps(memory))
+"""
+
+
+@pytest.mark.slow
+def test_the_memory_of_a_recorder_that_estimates_grows_by_less_than_a_fifth_of_a_megabyte_an_hour(tmp_path):
+    words = [sys.executable, "-c", FLAT, str(tmp_path / "sand"), "24"]
+    done = subprocess.run(words, cwd=PROJECT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    memory = json.loads(done.stdout)[6 * 60 :]  # by then all that has a bound has reached it
+    assert (memory[-1] - memory[0]) / (len(memory) / 60) <= 0.2

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.learned.bank import Innovation
+from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, log_prior, normalise
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
@@ -92,6 +92,8 @@ class Learner:
     def __init__(self, layout: Layout, settings: EstimatorSettings, sessions: list[Recorded]) -> None:
         self.layout = layout
         self.settings = settings
+        self.errors: ErrorSums = ErrorSums()
+        """Prediction errors of all minutes under the present hypotheses."""
         self._take(sessions)
 
     def _take(self, sessions: list[Recorded]) -> None:
@@ -121,7 +123,7 @@ class Learner:
         """Take one more minute, bridging those that are missing before it."""
         for following in (*bridge(self.last, minute), minute):
             self._sessions[-1].minutes.append(following)
-            self.innovations.append(self._filters.step(following))
+            self.errors = self.errors.plus(self._filters.step(following))
         self.posterior = self._posterior(STEPS)
         if self._is_due():
             self._draw_anew(ROUNDS if self._judged else FIRST_ROUNDS)
@@ -177,12 +179,12 @@ class Learner:
         ]
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(self.layout, drawn, self.settings, starts[0])
-        self.innovations: list[Innovation] = []
-        """Prediction errors of all minutes under the present hypotheses."""
+        self.errors = ErrorSums()
         for number, session in enumerate(self._sessions):
             if number:
                 self._filters.begin_session(starts[number])
-            self.innovations += [self._filters.step(minute) for minute in session.minutes]
+            for minute in session.minutes:
+                self.errors = self.errors.plus(self._filters.step(minute))
         self._starts = self._directions()
 
     def _posterior(self, steps: int) -> Posterior:

@@ -341,30 +341,6 @@ class Surprise:
         return f"{WORDS[self.name]} {abs(self.sds):.1f} standard deviations {side} what is usual"
 
 
-def misfit(standardised: FloatArray) -> FloatArray:
-    """How much too small stated variances are, by standardised prediction errors (n, regions).
-
-    One number for each region; NaN is skipped; 1 for a region with fewer than ten. Errors of a right model
-    are white and of unit variance; with the mean square c and the correlation r from minute to minute it is
-    ``c (1 + r) / (1 - r)``, the variance of the mean of an autoregressive process of order 1 (G. E. P. Box
-    and G. M. Jenkins, Time Series Analysis, Holden-Day, 1970, section 2.1). A model that is wrong can also
-    fit by parameters that nothing has: see `surprise`.
-    """
-    count = np.isfinite(standardised).sum(axis=0)
-    # below zero it would excuse a misfit, at one the quotient has no bound
-    correlation = np.clip(autocorrelation(standardised), 0.0, 0.95)
-    mean_square = np.nansum(standardised**2, axis=0) / np.maximum(count, 1)
-    return np.where(count < 10, 1.0, mean_square * (1.0 + correlation) / (1.0 - correlation))
-
-
-def autocorrelation(values: FloatArray) -> FloatArray:
-    """Correlation (m,) of columns (n, m) from row to row, NaN skipped; 0 with fewer than three rows."""
-    if len(values) < 3:
-        return np.zeros(values.shape[1])
-    filled = np.nan_to_num(values)
-    return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
-
-
 def surprise(joint: Moments, settings: EstimatorSettings, prior_sds: dict[str, float]) -> Surprise | None:
     """The learnt parameter that is farthest from its prior, if by more than `SURPRISING_SDS`."""
     worst = Surprise("", 0.0)

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
@@ -131,7 +130,7 @@ def test_kept_minutes_hold_air_and_probes_as_they_were_live(recording):
     for sample in samples:
         estimator.add(sample)
     estimator.finish()
-    live = History.of(estimator.bins)
+    live = estimator.history
     (measured,) = measure(path, regions, [(site, bin_settings(settings))])
     kept = measured.history
     for name in ("air_k", "wind_m_s", "probe_k"):
