@@ -116,6 +116,7 @@ def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path):
             writer.put(frame)
             if writer.is_full or number in (3, 19):  # 3: a block written before it is full, then again
                 chunks += writer.write()
+        assert disk.places == {chunks[-1].size: chunks[-1].offset}  # however many were written before
         file.flush()
         assert np.array_equal(dataset[:], frames)
         assert len(chunks) == 4 * 4
