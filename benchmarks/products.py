@@ -97,7 +97,7 @@ def mapped_world(world: World, model: Model = "learned") -> WorldMap:
     outlines = [((0.0, y), (PIXELS - 1.0, y), (PIXELS - 1.0, y), (0.0, y)) for y in range(shape[0])]
     minute_map = MinuteMap(
         history,
-        tuple(replace(region, vertices=at) for region, at in zip(world.regions, outlines, strict=True)),
+        tuple(replace(region, points_px=at) for region, at in zip(world.regions, outlines, strict=True)),
         np.arange(len(history)),
         shape,
         replace(world.settings, model=model),

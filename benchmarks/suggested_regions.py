@@ -80,8 +80,8 @@ def score(drawn: Drawn) -> Score:
         suggestions = [suggestion.region for suggestion in suggestions_in(drawn.frame, ())]
     except NoAnswerError:
         suggestions = []
-    beds = [_mask(bed.vertices) for bed in drawn.beds]
-    under = [_bed_under(_mask(suggestion.vertices), beds) for suggestion in suggestions]
+    beds = [_mask(bed.points_px) for bed in drawn.beds]
+    under = [_bed_under(_mask(suggestion.points_px), beds) for suggestion in suggestions]
     level = next((number for number, bed in enumerate(drawn.beds) if bed.is_reference), None)
     kinds = [suggestion.kind for suggestion in suggestions]
     references = [at for at, kind in zip(under, kinds, strict=True) if kind is RegionKind.REFERENCE]
@@ -139,9 +139,9 @@ def moved_beds(random: np.random.Generator) -> tuple[Facet, ...]:
         angle, scale = random.uniform(-np.pi, np.pi), random.uniform(0.7, 1.0)
         turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         middle, shift = np.array([79.5, 59.5]), random.uniform(-12.0, 12.0, 2)
-        beds = [(bed, (np.array(bed.vertices) - middle) @ turn.T + middle + shift) for bed in BEDS]
+        beds = [(bed, (np.array(bed.points_px) - middle) @ turn.T + middle + shift) for bed in BEDS]
         in_view = [
-            replace(bed, vertices=tuple((float(x), float(y)) for x, y in corners))
+            replace(bed, points_px=tuple((float(x), float(y)) for x, y in corners))
             for bed, corners in beds
             if (corners >= MARGIN_PX).all() and (corners <= np.array(FRAME_SHAPE[::-1]) - 1 - MARGIN_PX).all()
         ]
@@ -194,8 +194,8 @@ def _place(random: np.random.Generator) -> tuple[ByteArray, tuple[int, int]]:
     return np.zeros(FRAME_SHAPE, np.uint8), (int(random.integers(cols)), int(random.integers(rows)))
 
 
-def _mask(vertices: Sequence[tuple[float, float]]) -> BoolArray:
-    return Region("outline", RegionKind.TARGET, tuple(vertices)).mask(FRAME_SHAPE)
+def _mask(points_px: Sequence[tuple[float, float]]) -> BoolArray:
+    return Region("outline", RegionKind.TARGET, tuple(points_px)).mask(FRAME_SHAPE)
 
 
 def _bed_under(inside: BoolArray, beds: Sequence[BoolArray]) -> int | None:

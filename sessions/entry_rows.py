@@ -95,13 +95,13 @@ class EntryRows:
 
     def _region_row(self, record: RegionRecord) -> Row:
         region = record.region
-        vertices, vertices_m = np.full((MAX_VERTICES, 2), np.nan), np.full((MAX_VERTICES, 3), np.nan)
-        vertices[: len(region.vertices)] = region.vertices
+        points_px, points_m = np.full((MAX_VERTICES, 2), np.nan), np.full((MAX_VERTICES, 3), np.nan)
+        points_px[: len(region.points_px)] = region.points_px
         if region.points_m:
-            vertices_m[: len(region.points_m)] = region.points_m
+            points_m[: len(region.points_m)] = region.points_m
         return self._row(
-            "regions", region, time=record.time_ns, removed=record.is_removed, vertices=vertices,
-            n_vertices=len(region.vertices), vertices_m=vertices_m,
+            "regions", region, time=record.time_ns, removed=record.is_removed, points_px=points_px,
+            n_points=len(region.points_px), points_m=points_m,
         )  # fmt: skip
 
     def _health_row(self, health: Health) -> Row:
@@ -247,10 +247,10 @@ def regions_from(table: Table) -> list[RegionRecord]:
 
 
 def _region(row: Row) -> Region:
-    corners, corners_m = (row[name][: row["n_vertices"]] for name in ("vertices", "vertices_m"))
+    corners, corners_m = (row[name][: row["n_points"]] for name in ("points_px", "points_m"))
     points_m = () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m))
-    vertices = tuple(map(tuple, corners))
-    return _entry(Region, row, kind=RegionKind(row["kind"]), vertices=vertices, points_m=points_m)
+    points_px = tuple(map(tuple, corners))
+    return _entry(Region, row, kind=RegionKind(row["kind"]), points_px=points_px, points_m=points_m)
 
 
 def estimates_from(table: Table) -> list[SlopeEstimate]:

@@ -127,9 +127,9 @@ def check_room(header: SessionHeader) -> None:
 
 def check_region(region: Region) -> None:
     """Raise `ValueError` if the file has no room for this outline."""
-    if not 3 <= len(region.vertices) <= MAX_VERTICES:
+    if not 3 <= len(region.points_px) <= MAX_VERTICES:
         raise ValueError(
-            f"region {region.name!r} has {len(region.vertices)} corners; 3 to {MAX_VERTICES} fit"
+            f"region {region.name!r} has {len(region.points_px)} corners; 3 to {MAX_VERTICES} fit"
         )
 
 
@@ -378,9 +378,9 @@ def _region_columns() -> list[Column]:
         _column("emissivity", "<f8", fill=np.nan, units="1", long_name="emissivity; NaN: the campaign's"),
         _column("tilt_deg", "<f8", fill=np.nan, units="degree"),
         _column("azimuth_deg", "<f8", fill=np.nan, units="degree"),
-        _column("n_vertices", "<u2", units="1", long_name="corners that are used"),
+        _column("n_points", "<u2", units="1", long_name="corners that are used"),
         Column(
-            "vertices",
+            "points_px",
             "<f8",
             (MAX_VERTICES, 2),
             ("vertex", "xy"),
@@ -390,7 +390,7 @@ def _region_columns() -> list[Column]:
         _column("label", "S64", long_name="name of the region"),
         _column("removed", "u1", long_name="1: the region ends here", units="1"),
         _column("camera", "S64", long_name="stream of its camera; empty: the first camera"),
-        Column("vertices_m", "<f8", (MAX_VERTICES, 3), ("vertex", "enu"), np.nan, about_ground),
+        Column("points_m", "<f8", (MAX_VERTICES, 3), ("vertex", "enu"), np.nan, about_ground),
     ]
 
 

@@ -202,7 +202,7 @@ def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
 def _key(entry: Entry) -> tuple[object, ...]:
     """Identity of an entry among others of its kind, in the file's precision."""
     if isinstance(entry, RegionRecord):
-        return entry.time_ns // 1000, entry.region.name, entry.region.vertices
+        return entry.time_ns // 1000, entry.region.name, entry.region.points_px
     if isinstance(entry, MinuteRecord):
         return (entry.time_ns // 1000,)
     if isinstance(entry, Event):

@@ -51,8 +51,8 @@ def draw_frame(axes: Axes, session: fieldkit.Session, at_ns: int) -> None:
     celsius = session.kelvin(FRAME, FRAME + 1)[0] - CELSIUS_ZERO_K
     image = axes.imshow(celsius, cmap="inferno", interpolation="none", vmin=np.percentile(celsius, 1.0))
     for region in session.regions:
-        axes.add_patch(Polygon(region.vertices, fill=False, edgecolor="#00D7D7", linewidth=1.6))
-        x, y = np.mean(region.vertices, axis=0)
+        axes.add_patch(Polygon(region.points_px, fill=False, edgecolor="#00D7D7", linewidth=1.6))
+        x, y = np.mean(region.points_px, axis=0)
         slope = [f"{formatting.tilt(estimate)}°" for estimate in estimates(session, region.name, at_ns)[-1:]]
         style = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "boxstyle": "round,pad=0.25"}
         axes.text(

@@ -267,7 +267,7 @@ def _report_issues(file: Path, name: str) -> None:
 def _row(region: Region) -> tuple[str, ...]:
     from fieldkit.estimation.region_check import slope_text
 
-    corners = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
+    corners = " ".join(f"{x:g},{y:g}" for x, y in region.points_px)
     return region.name, region.kind.name.lower(), slope_text(region), corners
 
 

@@ -396,7 +396,10 @@ class SimulationTable(Table):
 
 
 class RegionOutline(Table):
-    """A region's outline and measured properties, as the campaign's file, the page and JSON state them."""
+    """A region's outline and measured properties: what campaign file, page, request and JSON share.
+
+    A `Region`, and its row in a session, has fields of the same names, with NaN for what is unknown.
+    """
 
     name: Name = Field(examples=["b15"], description="letters, digits, - and _")
     kind: Literal["reference", "target"] = Field(
@@ -433,8 +436,8 @@ class RegionOutline(Table):
         return cls.model_construct(
             name=region.name,
             kind=region.kind.name.lower(),
-            points_px=[list(corner) for corner in region.vertices],
-            points_m=[list(corner) for corner in region.points_m],
+            points_px=[list(corner) for corner in region.points_px],
+            points_m=[list(corner[: 2 if math.isnan(corner[2]) else 3]) for corner in region.points_m],
             camera=region.camera,
             **stated,
         )
@@ -448,7 +451,7 @@ class RegionOutline(Table):
         return Region(
             name=self.name,
             kind=RegionKind[self.kind.upper()],
-            vertices=tuple((x, y) for x, y in self.points_px),
+            points_px=tuple((x, y) for x, y in self.points_px),
             tilt_deg=tilt_deg,
             azimuth_deg=azimuth_deg,
             emissivity=NAN if self.emissivity is None else self.emissivity,

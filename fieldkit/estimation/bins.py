@@ -175,7 +175,7 @@ class RegionPixels:
 
 def _pixels_of(region: Region, shape: tuple[int, int]) -> IndexArray:
     """Flat indices of its pixels, in order; none without corners."""
-    if not region.vertices:
+    if not region.points_px:
         return np.empty(0, np.intp)
     box = region.box(shape)
     rows, cols = np.nonzero(region.mask(shape, box))

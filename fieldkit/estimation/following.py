@@ -229,7 +229,7 @@ class GroundFollower:
         ]
         self._report(corners[0].mean(axis=0))
         return [
-            replace(region, vertices=_within(outline, camera.shape))
+            replace(region, points_px=_within(outline, camera.shape))
             for region, outline in zip(regions, corners, strict=True)
         ]
 

@@ -125,7 +125,7 @@ def check_region(
 
 def _around(region: Region) -> tuple[int, int]:
     """A frame large enough for a region, if any camera's is."""
-    xs, ys = zip(*region.vertices, strict=True)
+    xs, ys = zip(*region.points_px, strict=True)
     return min(math.ceil(max(ys)) + 1, LARGEST_PX), min(math.ceil(max(xs)) + 1, LARGEST_PX)
 
 

@@ -38,12 +38,12 @@ FIX = "try again when the sun has warmed the beds apart, or draw them: " + Actio
 class FoundBed:
     """An area that looks like a bed.
 
-    `vertices` are its four corners (x, y) in pixels, inset from its edges, `pixels` the number inside;
+    `points_px` are its four corners (x, y) in pixels, inset from its edges, `pixels` the number inside;
     `contrast_k` is how much it differs from its surroundings where it differs least, `spread_k` the standard
     deviation inside.
     """
 
-    vertices: tuple[tuple[float, float], ...]
+    points_px: tuple[tuple[float, float], ...]
     pixels: int
     contrast_k: float
     spread_k: float
@@ -131,7 +131,7 @@ def _measure(corners: FloatArray, image: SingleArray) -> FoundBed | None:
     inside = image[region.mask((image.shape[0], image.shape[1]))]
     if inside.size < MIN_PIXELS:
         return None
-    return FoundBed(region.vertices, inside.size, _contrast_k(corners, image), float(inside.std()))
+    return FoundBed(region.points_px, inside.size, _contrast_k(corners, image), float(inside.std()))
 
 
 def _contrast_k(corners: FloatArray, image: SingleArray) -> float:
@@ -158,7 +158,7 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     """The distinct ones, and of those that share pixels the largest."""
     covered, separate = np.zeros(shape, np.bool_), []
     for bed in sorted(beds, key=lambda bed: -bed.pixels):
-        inside = _region(np.array(bed.vertices)).mask((shape[0], shape[1]))
+        inside = _region(np.array(bed.points_px)).mask((shape[0], shape[1]))
         if bed.is_distinct and not (inside & covered).any():
             covered |= inside
             separate.append(bed)
@@ -166,20 +166,20 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
 
 
 def _is_usable(bed: FoundBed, image: SingleArray) -> bool:
-    region = _region(np.array(bed.vertices))
+    region = _region(np.array(bed.points_px))
     return check_region(region, image.shape, image.astype(np.float64)).level == "ok"
 
 
 def _enlarge(bed: FoundBed, factor: int) -> FoundBed:
     """A bed of the working size in pixels of the frame, whose centres are at whole numbers."""
-    corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.vertices]
-    vertices = tuple((round(x, 1), round(y, 1)) for x, y in corners)
-    return FoundBed(vertices, bed.pixels * factor**2, bed.contrast_k, bed.spread_k)
+    corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.points_px]
+    points_px = tuple((round(x, 1), round(y, 1)) for x, y in corners)
+    return FoundBed(points_px, bed.pixels * factor**2, bed.contrast_k, bed.spread_k)
 
 
 def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
     """Its place in reading order: beds side by side are rarely at one height to the pixel."""
-    x, y = np.mean(bed.vertices, axis=0)
+    x, y = np.mean(bed.points_px, axis=0)
     return round(4.0 * float(y) / rows), float(x)
 
 

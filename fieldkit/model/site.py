@@ -104,10 +104,10 @@ class RegionKind(NumberedEnum):
 class Region:
     """A named polygon of the frame.
 
-    `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers. `tilt_deg` and
+    `points_px` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers. `tilt_deg` and
     `azimuth_deg` are as measured by inclinometer and compass: used by the estimator for references, for
     targets only for comparison (NaN: unknown). `points_m` are the corners on the ground (east, north,
-    height in the system of the camera's pose) of a region given by them; `vertices` is where they were seen.
+    height in the system of the camera's pose) of a region given by them; `points_px` is where they were seen.
     `camera` names the stream whose frames it lies in, "" the first camera.
 
     Examples
@@ -121,13 +121,13 @@ class Region:
     (slice(10, 31, None), slice(10, 41, None))
     >>> bed.is_within((120, 160)), bed.crosses_itself
     (True, False)
-    >>> bed.shrunk(2.0).vertices
+    >>> bed.shrunk(2.0).points_px
     ((12.0, 12.0), (38.0, 12.0), (38.0, 28.0), (12.0, 28.0))
     """
 
     name: str
     kind: RegionKind
-    vertices: tuple[tuple[float, float], ...]
+    points_px: tuple[tuple[float, float], ...]
     tilt_deg: float = float("nan")
     azimuth_deg: float = float("nan")
     emissivity: float = float("nan")
@@ -145,7 +145,7 @@ class Region:
         rows, cols = within or (slice(0, shape[0]), slice(0, shape[1]))
         y, x = (np.arange(part.start, part.stop, dtype=np.float64) for part in (rows, cols))
         mask = np.zeros((y.size, x.size), dtype=np.bool_)
-        edges = list(zip(self.vertices, (*self.vertices[1:], *self.vertices[:1]), strict=True))
+        edges = list(zip(self.points_px, (*self.points_px[1:], *self.points_px[:1]), strict=True))
         for (x0, y0), (x1, y1) in edges:
             if y0 != y1:
                 first, end = np.searchsorted(y, sorted((y0, y1)))
@@ -157,7 +157,7 @@ class Region:
 
     def box(self, shape: tuple[int, ...]) -> tuple[slice, slice]:
         """The rows and columns of a frame of `shape` (rows, cols) that can have pixels of the region."""
-        xs, ys = zip(*self.vertices, strict=True)
+        xs, ys = zip(*self.points_px, strict=True)
         return _span(ys, shape[0]), _span(xs, shape[1])
 
     @property
@@ -174,14 +174,14 @@ class Region:
 
     @property
     def _corners(self) -> FloatArray:
-        """The vertices (n, 2), without immediate repetitions."""
-        corners = np.array(self.vertices, np.float64)
+        """The points_px (n, 2), without immediate repetitions."""
+        corners = np.array(self.points_px, np.float64)
         return corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
 
     def is_within(self, shape: tuple[int, ...]) -> bool:
         """True if every corner lies within a frame of `shape` (rows, cols)."""
         rows, cols = shape
-        return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.vertices)
+        return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.points_px)
 
     def shrunk(self, pixels: float) -> Region:
         """The region with every edge moved inwards by `pixels`; raises `ConfigError` if nothing remains."""
@@ -197,7 +197,7 @@ class Region:
         if not (is_convex.all() and inward.any()):
             what = f"nothing of it is {pixels:g} px inside its edge"
             raise ConfigError(what, place=self.name, fix="shrink it less")
-        return replace(self, vertices=tuple((float(x), float(y)) for x, y in inner))
+        return replace(self, points_px=tuple((float(x), float(y)) for x, y in inner))
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,7 +234,7 @@ class Answers:
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
         check = check_region(region, shape, frame, others)
-        about = {"spread_c": check.spread_k, "text": check.text or "ok", "vertices": region.vertices}
+        about = {"spread_c": check.spread_k, "text": check.text or "ok", "points_px": region.points_px}
         return attributes(check, "pixels", "level", "shrink_px") | about
 
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
@@ -356,5 +356,5 @@ def record_options(request: requests.Start) -> RecordOptions:
 
 def _table(drawn: requests.DrawnRegion) -> dict[str, Any]:
     """The keys of a drawn region in ``fieldkit.toml``; None removes one."""
-    points = campaign_regions.written_points(drawn.points_px)
-    return {**drawn.model_dump(exclude_unset=True), "points_px": points}
+    points_px = campaign_regions.written_points(drawn.points_px)
+    return {**drawn.model_dump(exclude_unset=True), "points_px": points_px}

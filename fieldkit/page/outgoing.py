@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fieldkit.config.toml_schema import RegionOutline
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm
 from fieldkit.model.channels import quantity_of
@@ -18,7 +19,6 @@ from fieldkit.model.samples import Event, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.page.requests import DrawnRegion
 from fieldkit.results.json_document import attributes
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest, Trend
@@ -53,7 +53,7 @@ def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
 
 def regions(regions: Sequence[Region]) -> Document:
     """The regions with their corners in pixels."""
-    outlines = [DrawnRegion.of(region).model_dump(by_alias=True) for region in regions]
+    outlines = [RegionOutline.of(region).model_dump() for region in regions]
     return {"type": "regions", "regions": outlines}
 
 

@@ -90,13 +90,9 @@ class Value(_Request):
 
 
 class DrawnRegion(RegionOutline):
-    """A region as drawn: browsers call its kind ``role`` and its corners ``vertices``."""
+    """An outline whose name is being typed; the campaign's file refuses what no region may be called."""
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(
-        alias_generator=lambda key: {"kind": "role", "points_px": "vertices"}.get(key, key),
-        populate_by_name=True,
-    )
-    name: Word  # while it is typed; the campaign's file refuses what no region may be called
+    name: Word
 
 
 class CheckRegion(_Request):

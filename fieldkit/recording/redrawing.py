@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 from fieldkit.config import Config
 from fieldkit.config.config import RECORDINGS
 from fieldkit.config.edit import Draft, editing
-from fieldkit.config.toml_schema import RegionTable
+from fieldkit.config.toml_schema import RegionOutline, RegionTable
 from fieldkit.disk import one_at_a_time
 from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
@@ -32,8 +32,13 @@ SETTINGS_OF_REGIONS = ("offset_k", "emissivity_sd", "surface_kind", "probes", "h
 class NewRegions:
     """All regions as they shall be from now on: a request to the running recording."""
 
-    regions: tuple[Region, ...]
+    regions: tuple[RegionOutline, ...]
     do: ClassVar[str] = "regions"
+
+    @classmethod
+    def of(cls, regions: Iterable[Region]) -> Self:
+        """The request for these regions."""
+        return cls(tuple(map(RegionOutline.of, regions)))
 
 
 @dataclass
@@ -167,7 +172,7 @@ def change_regions(file: Path, change: Callable[[Draft], T]) -> tuple[T, SentReq
             result = change(draft)
             after = regions_in_draft(draft)
             check_configured(after, unless=before)
-        request = send_to_recorder(recordings, NewRegions(after.regions))
+        request = send_to_recorder(recordings, NewRegions.of(after.regions))
     return result, replace(request, unused=tuple(_unused_keys(before, after)))
 
 

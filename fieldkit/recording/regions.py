@@ -109,7 +109,7 @@ def edit_region(
         changes["kind"] = "reference" if reference else "target"
     if shrink_px is not None:
         regions = {region.name: region for region in regions_in_draft(draft).regions}
-        shrunk = regions[name].shrunk(shrink_px).vertices if name in regions else ()
+        shrunk = regions[name].shrunk(shrink_px).points_px if name in regions else ()
         changes["points_px"] = written_points([(round(x, 1), round(y, 1)) for x, y in shrunk])
     if not changes:
         raise ConfigError(

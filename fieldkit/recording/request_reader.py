@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from fieldkit.config.toml_schema import RegionOutline
 from fieldkit.model.clock import Clock
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.marks import Mark, mark_event
@@ -77,7 +78,8 @@ class RequestReader:
         if isinstance(request, Shutter):
             yield ShutterRequest(file.stem)
         elif isinstance(request, NewRegions) and self.redrawing is not None:
-            yield from self.redrawing.carry_out(request.regions, file.stem, *now)
+            regions = [outline.region for outline in request.regions]
+            yield from self.redrawing.carry_out(regions, file.stem, *now)
         else:
             yield _answer(request, file.stem, *now)
 
@@ -153,11 +155,13 @@ def _read(file: Path, mono_ns: int, time_ns: int) -> Request | Event:
         text = f"{request.text} (at {request.at}" + (")" if request.to is None else f" to {request.to})")
         return mark_event(request, mono_ns, time_ns)
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        text = f"a mark could not be read ({message_of(error)}): {text.strip()}"
+        text = f"a request could not be read ({message_of(error)}): {text.strip()}"
         return Event(EventKind.MARK, mono_ns, time_ns, text, severity=Severity.WARNING)
 
 
 def _request(body: Any) -> Request:
     fields = dict(body)
     kind = _KINDS[fields.pop("do")]
+    if kind is NewRegions:
+        return NewRegions(tuple(map(RegionOutline.model_validate, fields["regions"])))
     return Mark(**fields) if kind is Mark else build(kind, fields)

@@ -70,7 +70,9 @@ def send(folder: Path, request: Request) -> str:
     _check_length(request, number)
     with replacing(folder / f"{number}.json", synced=False) as draft:
         body = {"do": request.do, **asdict(request)}
-        draft.write_text(json.dumps(body, ensure_ascii=False) + "\n", encoding="utf-8")
+        # an outline is the model that a campaign's file has too, and no dataclass
+        text = json.dumps(body, ensure_ascii=False, default=lambda outline: outline.model_dump())
+        draft.write_text(text + "\n", encoding="utf-8")
     return number
 
 

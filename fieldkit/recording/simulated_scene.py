@@ -130,7 +130,7 @@ def _in_relief(scene: Scene, terrain: Terrain, simulation: SimulationTable) -> S
 
 
 def _middle_pixel(bed: Facet) -> int:
-    x, y = np.mean(bed.vertices, axis=0)
+    x, y = np.mean(bed.points_px, axis=0)
     return round(float(y)) * FRAME_SHAPE[1] + round(float(x))
 
 
@@ -144,11 +144,11 @@ def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
 def _bed(config: Config, region: Region) -> Facet:
     simulation = config.tables.simulation
     assert simulation is not None
-    corners = np.asarray(region.vertices)
+    corners = np.asarray(region.points_px)
     outline = corners.mean(axis=0) + BED_OVER_REGION * (corners - corners.mean(axis=0))
     bed = Facet(
         name=region.name,
-        vertices=tuple((float(x), float(y)) for x, y in outline),
+        points_px=tuple((float(x), float(y)) for x, y in outline),
         tilt_deg=0.0 if math.isnan(region.tilt_deg) else region.tilt_deg,
         azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
         is_reference=region.kind is RegionKind.REFERENCE,
@@ -181,7 +181,7 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
 
 
 def _mask(bed: Facet) -> BoolArray:
-    return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
+    return Region(bed.name, RegionKind.TARGET, bed.points_px).mask(FRAME_SHAPE)
 
 
 def _motion(simulation: SimulationTable) -> Motion | None:

@@ -40,8 +40,8 @@ class SuggestedRegion:
 
     def document(self) -> dict[str, Any]:
         """The suggestion as a JSON object, angles and emissivity left to the user."""
-        role = self.region.kind.name.lower()
-        return {"name": self.region.name, "role": role, **asdict(self.area)}
+        kind = self.region.kind.name.lower()
+        return {"name": self.region.name, "kind": kind, **asdict(self.area)}
 
 
 def suggest_regions(
@@ -56,7 +56,7 @@ def suggest_regions(
     --------
     >>> for suggestion in fieldkit.suggest_regions("dunes"):                               # doctest: +SKIP
     ...     region, is_flat = suggestion.region, suggestion.region.kind.name == "REFERENCE"
-    ...     dunes.add_region(region.name, points=region.vertices, reference=is_flat)
+    ...     dunes.add_region(region.name, points=region.points_px, reference=is_flat)
     """
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)
@@ -96,11 +96,11 @@ def add_suggested(draft: Draft, suggestions: Iterable[SuggestedRegion]) -> None:
     """Add suggested regions to a ``fieldkit.toml``; raises as `add_region`."""
     for suggestion in suggestions:
         is_reference = suggestion.region.kind is RegionKind.REFERENCE
-        add_region(draft, suggestion.region.name, points=suggestion.region.vertices, reference=is_reference)
+        add_region(draft, suggestion.region.name, points=suggestion.region.points_px, reference=is_reference)
 
 
 def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:
-    return Region(name, RegionKind.REFERENCE if is_reference else RegionKind.TARGET, bed.vertices)
+    return Region(name, RegionKind.REFERENCE if is_reference else RegionKind.TARGET, bed.points_px)
 
 
 def _next_frames_k(instruments: Instruments) -> FloatArray:

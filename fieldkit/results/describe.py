@@ -47,7 +47,7 @@ def _interval(site: Site, start_ns: int, end_ns: int) -> dict[str, Any]:
 
 def _region(region: Region) -> dict[str, Any]:
     measured = attributes(region, "name", "tilt_deg", "azimuth_deg")
-    return {**measured, "kind": region.kind.name.lower(), "corners": len(region.vertices)}
+    return {**measured, "kind": region.kind.name.lower(), "corners": len(region.points_px)}
 
 
 def _slope(slope: SlopeEstimate, site: Site) -> dict[str, Any]:

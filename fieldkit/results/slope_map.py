@@ -197,7 +197,7 @@ class MappedSession:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Plot the tilt of every pixel with the regions' outlines."""
-        outlines = {region.name: region.vertices for region in self.regions}
+        outlines = {region.name: region.points_px for region in self.regions}
         return plots.tilt_map(self.slopes.tilt_deg, outlines, ax)
 
     def to_xarray(self) -> xr.Dataset:

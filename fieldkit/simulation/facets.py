@@ -26,7 +26,7 @@ Outline = tuple[tuple[float, float], ...]
 class Facet:
     """One plane bed.
 
-    `vertices` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
+    `points_px` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
     normal from north, clockwise: the truth. `emissivity` is that of the camera's band. `depth_m` of sand
     lies over an insulating sheet, or over the layers `below`; 0.2 m or more is practically bottomless for a
     day. `horizon` hides the sun and some of the sky. `is_reference` marks the bed whose slope is given to the
@@ -34,7 +34,7 @@ class Facet:
     """
 
     name: str
-    vertices: Outline
+    points_px: Outline
     tilt_deg: float = 0.0
     azimuth_deg: float = 180.0
     albedo: float = 0.20
@@ -54,12 +54,12 @@ class Facet:
 
     def region(self) -> Region:
         """Region as a careful operator would draw it: the outline, inset by a tenth on each side."""
-        corners = np.asarray(self.vertices)
+        corners = np.asarray(self.points_px)
         inner = corners.mean(axis=0) + _INSET * (corners - corners.mean(axis=0))
         return Region(
             name=self.name,
             kind=RegionKind.REFERENCE if self.is_reference else RegionKind.TARGET,
-            vertices=tuple((round(float(x), 1), round(float(y), 1)) for x, y in inner),
+            points_px=tuple((round(float(x), 1), round(float(y), 1)) for x, y in inner),
             tilt_deg=self.tilt_deg,
             azimuth_deg=self.azimuth_deg,
             emissivity=self.emissivity,
@@ -78,7 +78,7 @@ def pixel_shares(facets: Sequence[Facet]) -> SingleArray:
     layers = np.zeros((len(facets) + 1, *FRAME_SHAPE))
     layers[-1] = 1.0
     for number, facet in enumerate(facets):
-        mask = Region(facet.name, RegionKind.TARGET, facet.vertices).mask(FRAME_SHAPE)
+        mask = Region(facet.name, RegionKind.TARGET, facet.points_px).mask(FRAME_SHAPE)
         layers[:, mask] = 0.0
         layers[number, mask] = 1.0
     soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in layers])

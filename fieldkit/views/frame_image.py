@@ -82,7 +82,7 @@ def resize(shown: FloatArray, rows: int, cols: int) -> FloatArray:
 def on_grid(region: Region, shape: tuple[int, ...], rows: int, cols: int) -> FloatArray:
     """Vertices of a region of a frame of `shape` on a grid of (rows, cols), shape (n, 2) of (x, y)."""
     factor = np.array([cols / shape[1], rows / shape[0]])
-    on_grid: FloatArray = (np.array(region.vertices, np.float64) + 0.5) * factor - 0.5
+    on_grid: FloatArray = (np.array(region.points_px, np.float64) + 0.5) * factor - 0.5
     return on_grid
 
 

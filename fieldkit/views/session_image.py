@@ -73,7 +73,7 @@ def _image(axes: Axes, colours: Colours, regions: Sequence[Region], words: str) 
     axes.imshow(colours, interpolation="nearest")
     edge = [withStroke(linewidth=3.0, foreground="black")]  # white on black shows on any colour
     for region in regions:
-        corners = np.array([*region.vertices, region.vertices[0]])
+        corners = np.array([*region.points_px, region.points_px[0]])
         axes.plot(*corners.T, color="white", linewidth=1.5, path_effects=edge)
         middle = corners[:-1].mean(axis=0)
         axes.text(

@@ -273,7 +273,7 @@ def _draw(
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     image: ByteArray = colours[large]
     for region in regions:
-        corners = np.trunc((np.array(region.vertices) + 0.5) * factor)
+        corners = np.trunc((np.array(region.points_px) + 0.5) * factor)
         outline(image, corners, thickness=1)
         x, y = corners[0].astype(int).tolist()
         label(image, names[region.name], x + 5, y + 17, 0.45, margin=2)

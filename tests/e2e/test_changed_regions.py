@@ -95,11 +95,11 @@ def record(config: Config, path: Path, operator: Operator, seconds: float) -> Op
 
 def halves(region: Region) -> tuple[Region, Region]:
     """The upper half of a bed under another name, and the lower half under its own."""
-    (left, top), (right, bottom) = (f(np.array(region.vertices), axis=0).tolist() for f in (np.min, np.max))
+    (left, top), (right, bottom) = (f(np.array(region.points_px), axis=0).tolist() for f in (np.min, np.max))
     middle = (top + bottom) // 2
     upper = ((left, top), (right, top), (right, middle - 1), (left, middle - 1))
     lower = ((left, middle + 1), (right, middle + 1), (right, bottom), (left, bottom))
-    return replace(region, name="upper", vertices=upper), replace(region, vertices=lower)
+    return replace(region, name="upper", points_px=upper), replace(region, points_px=lower)
 
 
 Drawn = tuple[Region, ...]
@@ -119,14 +119,14 @@ def drawn(campaign):
 
 def plan(drawn: dict[str, Drawn]) -> dict[int, list[Request]]:
     """Halved in minute 6; in minute 11 b15 is removed, drawn again and removed; then what is refused."""
-    halved, without = NewRegions(drawn["halved"]), NewRegions(drawn["without"])
+    halved, without = NewRegions.of(drawn["halved"]), NewRegions.of(drawn["without"])
     return {
         400: [halved],
         420: [Shutter()],
         700: [halved, without],
         705: [halved],
         710: [without],
-        800: [NewRegions(drawn["bad"]), Acknowledgement("frozen-camera")],
+        800: [NewRegions.of(drawn["bad"]), Acknowledgement("frozen-camera")],
     }
 
 
@@ -248,7 +248,7 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
     _, lower = halves(drawn["first"][0])
     assert lower.kind is RegionKind.REFERENCE
     path = campaign / "recordings" / "reference.h5"
-    operator = Operator(path, {250: [NewRegions((lower, *drawn["first"][1:]))]})
+    operator = Operator(path, {250: [NewRegions.of((lower, *drawn["first"][1:]))]})
     record(config_of(campaign, "learned"), path, operator, 480.0)
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
     beds = operator.minutes[6].estimates
@@ -259,7 +259,7 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
 def test_a_slope_measured_afterwards_changes_no_estimate(campaign, drawn):
     measured = tuple(replace(bed, tilt_deg=14.2) if bed.name == "b15" else bed for bed in drawn["first"])
     path = campaign / "recordings" / "measured.h5"
-    operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions(measured)]}), 480.0)
+    operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions.of(measured)]}), 480.0)
     assert {bed.region: bed.n_bins for bed in operator.minutes[6].estimates} == {"b05": 7, "b15": 7, "b25": 7}
     with open_session(path) as session:
         assert {region.name: region.tilt_deg for region in session.regions}["b15"] == 14.2

@@ -177,17 +177,17 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path):
         assert (answer["ok"], "wind" in answer["text"]) == (True, True), answer
         answer = browser.request(do="acknowledge", alarm="disk")
         assert (answer["ok"], "'disk'" in answer["text"]) == (False, True), answer
-        drawn = {"name": "corner", "role": "target", "vertices": [[2, 2], [20, 2], [20, 16], [2, 16]]}
+        drawn = {"name": "corner", "kind": "target", "points_px": [[2, 2], [20, 2], [20, 16], [2, 16]]}
         answer = browser.request(do="add_region", region=drawn)
         assert (answer["ok"], "corner added" in answer["text"]) == (True, True), answer
         with page.browser("view") as other:
             assert names(other.next("regions")) >= {"corner", first["name"]}
-        smaller = {**drawn, "vertices": [[2, 2], [18, 2], [18, 16], [2, 16]], "tilt_deg": 12.0}
+        smaller = {**drawn, "points_px": [[2, 2], [18, 2], [18, 16], [2, 16]], "tilt_deg": 12.0}
         found = browser.request(do="check_region", region=smaller, instead_of="corner")["data"]
         assert found["level"] != "FAIL", found
         answer = browser.request(do="edit_region", name="corner", region=smaller)
         assert (answer["ok"], "corner changed" in answer["text"]) == (True, True), answer
-        over = {**drawn, "name": "over", "vertices": first["vertices"]}
+        over = {**drawn, "name": "over", "points_px": first["points_px"]}
         answer = browser.request(do="add_region", region=over)
         assert (answer["ok"], "shares" in answer["text"]) == (False, True), answer
         answer = browser.request(do="remove_region", name="corner", confirm=True)
@@ -226,14 +226,14 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path):
 
 def test_regions_may_lack_a_reference_until_the_next_change(tmp_path):
     folder = campaign(tmp_path / "field")
-    bed = {"name": "bed", "role": "target", "vertices": [[2, 98], [20, 98], [20, 112], [2, 112]]}
+    bed = {"name": "bed", "kind": "target", "points_px": [[2, 98], [20, 98], [20, 112], [2, 112]]}
     with served(folder) as page, page.browser() as browser:
         removed = browser.request(do="remove_region", name="flat", confirm=True)
         added = browser.request(do="add_region", region=bed)
         assert [one["ok"] for one in (removed, added)] == [True, True]
         assert "added bed; no reference" in added["text"]
         assert [region.name for region in page.page.hub.latest.regions] == ["b05", "b15", "b25", "bed"]
-        level = {**bed, "role": "reference", "tilt_deg": 0.0}
+        level = {**bed, "kind": "reference", "tilt_deg": 0.0}
         assert browser.request(do="edit_region", name="bed", region=level)["text"] == "changed bed"
 
 
@@ -300,7 +300,7 @@ def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path):
         header = json.loads(picture[2 : 2 + size])
         assert (header["rows"], header["cols"], header["mode"]) == (120, 160, "exact")
         assert len(zlib.decompress(picture[2 + size :])) == 120 * 160 * 2
-        drawn = {"name": "corner", "role": "target", "vertices": [[2, 2], [20, 2], [20, 16], [2, 16]]}
+        drawn = {"name": "corner", "kind": "target", "points_px": [[2, 2], [20, 2], [20, 16], [2, 16]]}
         found = browser.request(do="check_region", region=drawn, session=listed["id"])["data"]
         assert (found["level"] != "FAIL", found["spread_c"] > 0) == (True, True), found
         assert browser.request(do="add_region", region=drawn)["ok"]

@@ -231,7 +231,7 @@ def test_suggested_regions_are_added_by_one_tap_each(browser, tmp_path):
         assert outlines.count() == 0
         assert watched.errors == []
     (region,) = load_config(campaign / "fieldkit.toml").regions
-    beds = [Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE) for bed in BEDS]
+    beds = [Region(bed.name, RegionKind.TARGET, bed.points_px).mask(FRAME_SHAPE) for bed in BEDS]
     inside = region.mask(FRAME_SHAPE)
     assert any(bed[inside].all() for bed in beds)
 
@@ -271,7 +271,7 @@ def test_a_skyline_is_tapped_and_becomes_the_horizon(browser, tmp_path):
         watched.wait_for_picture()
         watched.page.locator("#draw").focus()
         watched.page.keyboard.press("Enter")
-        watched.page.locator("[name=role][value=skyline]").press(" ")
+        watched.page.locator("[name=kind][value=skyline]").press(" ")
         stage = watched.page.locator("#stage")
         for moves in (["ArrowUp", "Shift+ArrowUp"], ["Shift+ArrowRight"]):
             for move in moves:

@@ -15,10 +15,10 @@ on("regions", (message) => {
   describePicture();
 });
 
-/** The card of a region, made when it is first seen or its role has changed. */
+/** The card of a region, made when it is first seen or its kind has changed. */
 function cardFor(region) {
   const known = regions.cards.get(region.name);
-  if (known?.role === region.role) return Object.assign(known, { region });
+  if (known?.kind === region.kind) return Object.assign(known, { region });
   const card = newCard(region);
   regions.cards.set(region.name, card);
   showLine(card);
@@ -26,7 +26,7 @@ function cardFor(region) {
 }
 
 function newCard(region) {
-  const card = { region, role: region.role };
+  const card = { region, kind: region.kind };
   const heading = `card-${region.name}`;
   for (const key of ["temperature", "tilt", "azimuth"]) card[key] = el("dd", {}, "–");
   for (const key of ["words", "reason"]) card[key] = el("p", { class: key === "words" ? "words" : "small" });
@@ -36,10 +36,10 @@ function newCard(region) {
   if (!region.camera) edit.hidden = link.role !== "control";
   const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
   const facts = [fact(`Mean, ${temperature.unit}`, card.temperature)];
-  if (region.role === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));
+  if (region.kind === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));
   else facts.push(fact("Tilt given, °", el("dd", {}, number(region.tilt_deg, 1))));
   card.root = el("article", { class: "card", "aria-labelledby": heading },
-    el("div", { class: "line" }, el("h3", { id: heading }, region.name, el("small", {}, region.role)), edit),
+    el("div", { class: "line" }, el("h3", { id: heading }, region.name, el("small", {}, region.kind)), edit),
     el("dl", {}, ...facts), card.words, card.reason, card.course);
   return card;
 }
@@ -78,7 +78,7 @@ function append(name, values) {
 
 function showMinute(card, values) {
   say(card.temperature, number(displayed(values.temperature_c), 2));
-  if (card.role === "target") {
+  if (card.kind === "target") {
     say(card.tilt, values.tilt ?? "–");
     say(card.azimuth, values.azimuth ?? "–");
     const sensitivity = Number.isFinite(values.kelvin_per_degree) ? ` (${number(values.kelvin_per_degree, 2)} K per °)` : "";
@@ -93,7 +93,7 @@ function showMinute(card, values) {
 function showLine(card) {
   const series = regions.series[card.region.name] ?? {};
   const known = (values) => (values ?? []).filter(Number.isFinite);
-  const isTilt = card.role === "target" && known(series.tilt_deg).length > 1;
+  const isTilt = card.kind === "target" && known(series.tilt_deg).length > 1;
   const values = isTilt ? series.tilt_deg : series.temperature_c, finite = known(values);
   if (finite.length < 2) return card.course.replaceChildren();
   const low = Math.min(...finite), high = Math.max(...finite);

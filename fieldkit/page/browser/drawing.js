@@ -13,15 +13,15 @@ const form = $("drawing");
 /** Begin with a region to change, or with an empty draft. */
 function beginDrawing(region = null) {
   if (!picture.header) return showAnswer({ ok: false, text: "There is no picture to draw on yet." });
-  const role = region?.role ?? (regions.list.some((one) => one.role === "reference") ? "target" : "reference");
+  const kind = region?.kind ?? (regions.list.some((other) => other.kind === "reference") ? "target" : "reference");
   drawing.draft = {
-    original: region?.name ?? null, vertices: region?.vertices.map((vertex) => [...vertex]) ?? [],
+    original: region?.name ?? null, vertices: region?.points_px.map((vertex) => [...vertex]) ?? [],
     closed: region !== null, cursor: null, history: [],
   };
-  form.elements.role.value = role;
-  form.elements.name.value = region?.name ?? freeName(role);
+  form.elements.kind.value = kind;
+  form.elements.name.value = region?.name ?? freeName(kind);
   for (const key of ["tilt_deg", "azimuth_deg", "emissivity"]) form.elements[key].value = region?.[key] ?? "";
-  if (!region && role === "reference") form.elements.tilt_deg.value = 0;
+  if (!region && kind === "reference") form.elements.tilt_deg.value = 0;
   say($("drawing-title"), region ? `Region ${region.name}` : "New region");
   $("remove-region").hidden = region === null;
   $("skyline-choice").hidden = region !== null;
@@ -33,9 +33,9 @@ function beginDrawing(region = null) {
 }
 
 /** A name that no region has: `flat` for the first reference, `bed-1`, `bed-2` … */
-function freeName(role) {
+function freeName(kind) {
   const taken = new Set(regions.list.map((region) => region.name));
-  if (role === "reference" && !taken.has("flat")) return "flat";
+  if (kind === "reference" && !taken.has("flat")) return "flat";
   let count = 1;
   while (taken.has(`bed-${count}`)) count++;
   return `bed-${count}`;
@@ -64,10 +64,10 @@ function showDrawing() {
   if (!draft.closed) showVerdict({ level: "", text: `${draft.vertices.length} corner${draft.vertices.length === 1 ? "" : "s"}` });
 }
 
-const isSkyline = () => form.elements.role.value === "skyline";
+const isSkyline = () => form.elements.kind.value === "skyline";
 
 /** A skyline is an open line, a region a closed one. */
-function changeRole() {
+function changeKind() {
   const { draft } = drawing;
   if (isSkyline() && draft.closed) setVertices(draft.vertices, false);
   else showDrawing();
@@ -143,7 +143,7 @@ async function checkDraft(shrink) {
   });
   drawing.checking = false;
   if (!drawing.draft) return;
-  if (answer.ok && shrink !== undefined) setVertices(answer.data.vertices.map(within));
+  if (answer.ok && shrink !== undefined) setVertices(answer.data.points_px.map(within));
   else if (drawing.unchecked) [drawing.unchecked] = [false, checkDraft()];
   else if (drawing.draft.closed) showVerdict(answer.ok ? answer.data : { level: "", text: answer.text });
 }
@@ -161,7 +161,7 @@ function showVerdict({ level, text, pixels: count, spread_c: spread, shrink_px: 
 function drawnRegion() {
   const field = form.elements, known = (input) => (input.value === "" ? null : Number(input.value));
   return {
-    name: field.name.value.trim() || "new", role: field.role.value, vertices: drawing.draft.vertices,
+    name: field.name.value.trim() || "new", kind: field.kind.value, points_px: drawing.draft.vertices,
     tilt_deg: known(field.tilt_deg), azimuth_deg: known(field.azimuth_deg), emissivity: known(field.emissivity),
   };
 }
@@ -357,7 +357,7 @@ for (const end of ["pointerup", "pointercancel"]) stage.addEventListener(end, re
 stage.addEventListener("keydown", drawByKey, { capture: true });
 form.addEventListener("submit", saveRegion);
 form.addEventListener("input", () => { $("drawing-error").hidden = true; });
-form.addEventListener("change", (event) => { if (event.target.name === "role") changeRole(); });
+form.addEventListener("change", (event) => { if (event.target.name === "kind") changeKind(); });
 $("undo").onclick = undo;
 $("close-outline").onclick = () => setVertices(drawing.draft.vertices, true);
 $("cancel-drawing").onclick = endDrawing;

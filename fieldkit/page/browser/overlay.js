@@ -21,11 +21,11 @@ function drawOverlay() {
   if (focused !== undefined) overlay.querySelector(`[data-corner="${focused}"]`)?.focus();
 }
 
-function regionShape(region, kind = region.role) {
-  const x = Math.min(...region.vertices.map((vertex) => vertex[0])), y = Math.min(...region.vertices.map((vertex) => vertex[1]));
+function regionShape(region, kind = region.kind) {
+  const x = Math.min(...region.points_px.map((vertex) => vertex[0])), y = Math.min(...region.points_px.map((vertex) => vertex[1]));
   const letters = 15 / zoom();
   const name = el("text", { x: x + 2 / zoom(), y: y > letters ? y - 4 / zoom() : y + letters, "font-size": letters, "stroke-width": 3.5 / zoom() }, region.name);
-  return el("g", { class: kind }, ...outline(region.vertices), name);
+  return el("g", { class: kind }, ...outline(region.points_px), name);
 }
 
 function draftShape(draft) {

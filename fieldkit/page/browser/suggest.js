@@ -20,13 +20,13 @@ function showSuggestions(list) {
 }
 
 function suggestionButton(region) {
-  const { name, role, vertices, contrast_k: contrast } = region;
+  const { name, kind, points_px, contrast_k: contrast } = region;
   const add = async () => {
-    const answer = await request({ do: "add_region", region: { name, role, vertices, tilt_deg: role === "reference" ? 0 : null } });
+    const answer = await request({ do: "add_region", region: { name, kind, points_px, tilt_deg: kind === "reference" ? 0 : null } });
     if (answer.ok) showSuggestions(suggesting.list.filter((one) => one !== region));
     showAnswer(answer);
   };
-  return el("button", { type: "button", onclick: add }, `Add ${name}`, el("small", {}, `${role}, ${number(contrast, 1)} K`));
+  return el("button", { type: "button", onclick: add }, `Add ${name}`, el("small", {}, `${kind}, ${number(contrast, 1)} K`));
 }
 
 $("suggest").onclick = suggestRegions;

@@ -106,8 +106,8 @@ def _frame_caption(data: ReportData, frame: Frame, scale: image.Scale) -> str:
 
 
 def _outline(region: Region) -> Outline:
-    points = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
-    x, y = (sum(side) / len(side) for side in zip(*region.vertices, strict=True))
+    points = " ".join(f"{x:g},{y:g}" for x, y in region.points_px)
+    x, y = (sum(side) / len(side) for side in zip(*region.points_px, strict=True))
     return Outline(region.name, points, x, y)
 
 

@@ -39,7 +39,7 @@ def toml(scene: Scene, devices: Mapping[str, Mapping[str, object]] = ALL) -> str
     tables += [_table(name, values) for name, values in devices.items()]
     for region in scene.regions:
         kind = "reference" if region.kind is RegionKind.REFERENCE else "target"
-        points = [list(map(float, point)) for point in region.vertices]
+        points = [list(map(float, point)) for point in region.points_px]
         slope = {"tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg}
         tables.append(_table("[region]", {"name": region.name, "kind": kind, "points_px": points, **slope}))
     return "\n".join(tables)

@@ -75,7 +75,7 @@ def test_corners_on_the_ground_are_drawn_where_the_pose_sees_them(roi, tmp_path)
     (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
     roi("add", "b15", "--rect", "1,1,20,20")
     roi("add", "flat", "--reference", "--pose", tmp_path / "pose.toml", *ON_THE_GROUND)
-    assert regions(tmp_path)[1].vertices == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
+    assert regions(tmp_path)[1].points_px == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
 
 
 def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, refused, tmp_path):
@@ -83,7 +83,7 @@ def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, refused, tmp_pa
         file.write(f"\n[camera.pose]\n{LOOKING_DOWN}")
     roi("add", "flat", "--reference", "--ground", *ON_THE_GROUND)
     (flat,) = regions(tmp_path)
-    assert flat.vertices == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
+    assert flat.points_px == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
     assert flat.points_m[0] == (500001.0, 4172001.0, 2317.0)
     roi("edit", "flat", "--shrink", "2")
     assert regions(tmp_path)[0].points_m == ()
@@ -166,7 +166,7 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     file.write_text(file.read_text().replace("\n[[region]]", "\n[[region]]  # wet"), encoding="utf-8")
     roi("edit", "b15", "--shrink", "4", "--tilt", "15.5")
     (changed,) = regions(tmp_path)
-    assert changed.vertices == ((86, 34), (109, 34), (109, 86), (86, 86))
+    assert changed.points_px == ((86, 34), (109, 34), (109, 86), (86, 86))
     assert (changed.tilt_deg, changed.azimuth_deg) == (15.5, 180.0)
     assert "[[region]]  # wet" in file.read_text()
     assert "100 px" not in roi("edit", "b15", "--shrink", "9").stderr
@@ -265,5 +265,5 @@ def test_suggested_regions_are_listed_then_accepted_by_name(tmp_path):
     (flat,) = load_config(tmp_path / "field" / "fieldkit.toml").regions
     assert flat.kind is RegionKind.REFERENCE
     inside = flat.mask(FRAME_SHAPE)
-    beds = [Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE) for bed in BEDS]
+    beds = [Region(bed.name, RegionKind.TARGET, bed.points_px).mask(FRAME_SHAPE) for bed in BEDS]
     assert [bool(bed[inside].all()) for bed in beds] == [True, False, False, False]

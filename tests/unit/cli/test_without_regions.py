@@ -75,7 +75,7 @@ def undrawn(tmp_path, monkeypatch):
 
 def draw(folder, names=("flat", "b05", "b15", "b25")):
     for bed in (bed.region() for bed in BEDS if bed.name in names):
-        first, *more = (f"{x},{y}" for x, y in bed.vertices)
+        first, *more = (f"{x},{y}" for x, y in bed.points_px)
         words = ["--reference"] if bed.name == "flat" else ["--tilt", bed.tilt_deg, "--azimuth", 180]
         succeed("roi", "add", bed.name, "-C", folder, "--points", first, *more, *words)
 
@@ -110,7 +110,7 @@ def test_the_simulated_field_shows_its_beds_before_and_while_they_are_drawn(undr
         return {facet.name: facet for facet in scene.facets}
 
     assert list(beds()) == [f"undrawn {bed.name}" for bed in BEDS]
-    assert [bed.vertices for bed in beds().values()] == [bed.vertices for bed in BEDS]
+    assert [bed.points_px for bed in beds().values()] == [bed.points_px for bed in BEDS]
     draw(undrawn, ("flat",))
     assert list(beds()) == ["flat", "undrawn b05", "undrawn b15", "undrawn b25"]
     draw(undrawn, ("b05", "b15", "b25"))

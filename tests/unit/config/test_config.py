@@ -133,7 +133,7 @@ def test_site_and_regions_speak_the_language_of_the_other_rooms(config):
     flat, b15, hill = given.regions
     assert (flat.kind, flat.tilt_deg, flat.azimuth_deg) == (RegionKind.REFERENCE, 0.0, 0.0)
     assert (b15.kind, b15.tilt_deg, b15.azimuth_deg) == (RegionKind.TARGET, 15.0, 180.0)
-    assert b15.vertices == ((10.0, 0.0), (19.0, 0.5), (19.0, 9.0))
+    assert b15.points_px == ((10.0, 0.0), (19.0, 0.5), (19.0, 9.0))
     assert math.isnan(b15.emissivity)
     assert math.isnan(hill.tilt_deg)
     assert hill.emissivity == 0.93

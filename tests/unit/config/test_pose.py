@@ -38,14 +38,14 @@ def test_corners_on_level_ground_are_seen_from_above_where_the_pinhole_shows_the
     (flat,) = loaded(campaign(tmp_path)).regions
     assert flat.points_m[0] == (499999.0, 4171999.0, 2300.0)
     # on the central meridian of zone 13 the grid's north is true north
-    assert flat.vertices == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
+    assert flat.points_px == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
 
 
 def test_corners_on_the_ground_are_added_from_python(tmp_path):
     field = open_campaign(campaign(tmp_path, region="").parent)
     corners = [(499999.0, 4171999.0), (500001.0, 4171999.0), (500001.0, 4172001.0)]
     field.add_region("flat", points=corners, is_ground=True, reference=True)
-    assert field.regions[0].vertices == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
+    assert field.regions[0].points_px == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
 
 
 def test_a_session_holds_pose_trajectory_and_corners_itself(tmp_path):
@@ -174,4 +174,4 @@ def test_a_region_redrawn_in_pixels_no_longer_lies_on_the_ground(tmp_path):
         change_region(draft, "flat", {"points_px": [[10, 10], [40, 10], [40, 40]]})
     (flat,) = loaded(file).regions
     assert flat.points_m == ()
-    assert flat.vertices[0] == (10.0, 10.0)
+    assert flat.points_px[0] == (10.0, 10.0)

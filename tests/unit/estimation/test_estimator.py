@@ -171,7 +171,7 @@ def test_too_few_minutes_is_said(yard):
 
 
 def test_tilted_reference_and_several_references(yard):
-    leaning = Region("leaning", RegionKind.REFERENCE, yard.beds[2].vertices, 17.0, 250.0)
+    leaning = Region("leaning", RegionKind.REFERENCE, yard.beds[2].points_px, 17.0, 250.0)
     beds = (yard.beds[0], yard.beds[1], leaning, yard.beds[3])
     for chosen in (beds, beds[1:]):
         some = replace(yard, beds=chosen)

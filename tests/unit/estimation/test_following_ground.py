@@ -81,7 +81,7 @@ def test_a_region_on_the_ground_is_followed_through_a_drive(error_deg, off_px):
         found = follower.update(frame(camera), number * SECOND_NS, [BED], ONE)
         assert found is not None, number
         x, y, _ = project(camera, BED.points_m)
-        wrong = np.array(found[0].vertices) - np.column_stack([x, y])
+        wrong = np.array(found[0].points_px) - np.column_stack([x, y])
         assert np.abs(wrong.mean(axis=0)).max() < off_px
     assert follower.shift_px > 25.0
 
@@ -91,8 +91,8 @@ def test_a_region_that_is_not_wholly_in_the_frame_has_no_corners_and_a_time_with
     near = region((15.0, 18.0), (16.0, 18.0), (16.0, 19.0))
     follower = GroundFollower(path)
     (seen,), (left,) = (follower.update(frame(true[n]), n * SECOND_NS, [near], ONE) or () for n in (0, 12))
-    assert len(seen.vertices) == 3
-    assert left.vertices == ()
+    assert len(seen.points_px) == 3
+    assert left.points_px == ()
     assert follower.update(frame(true[12]), 31 * SECOND_NS, [near], ONE) is None
     assert not follower.has_pose
 
@@ -137,13 +137,13 @@ def test_a_kick_of_40_pixels_that_the_pose_does_not_know_of_is_lost_at_once():
     follower, drawn, found = followed(Motion(jump_px=(32.0, 24.0)), range(85, 95))
     assert [regions is None for regions in found] == [False] * 5 + [True] * 5
     assert follower.has_pose
-    assert found[4][0].vertices == pytest.approx(np.array(drawn.vertices), abs=1e-6)
+    assert found[4][0].points_px == pytest.approx(np.array(drawn.points_px), abs=1e-6)
 
 
 def test_a_drift_that_the_pose_does_not_know_of_is_corrected_by_whole_pixels():
     _, drawn, found = followed(Motion((8.0, 6.0)), range(0, 180, 6))
     # drawn on the mean of the first ten frames, which had drifted by (1.2, 0.9) of them
-    moved = np.array(found[-1][0].vertices) - drawn.vertices
+    moved = np.array(found[-1][0].points_px) - drawn.points_px
     assert moved == pytest.approx(np.tile([7.0, 5.0], (4, 1)), abs=1e-6)
 
 

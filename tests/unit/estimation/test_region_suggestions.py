@@ -46,19 +46,19 @@ def test_hills_and_ridges_are_no_beds():
 def test_beds_are_in_reading_order_inset_and_usable_as_regions():
     frame = field((90, 60, 140, 100, 3.0), (20, 20, 60, 50, -2.0), (20, 60, 60, 100, 1.0))
     beds = find_beds(frame)
-    assert [bed.vertices[0][0] > 75 for bed in beds] == [False, False, True]
+    assert [bed.points_px[0][0] > 75 for bed in beds] == [False, False, True]
     assert [round(bed.contrast_k) for bed in beds] == [2, 1, 3]
-    xs, ys = zip(*beds[0].vertices, strict=True)
+    xs, ys = zip(*beds[0].points_px, strict=True)
     np.testing.assert_allclose((min(xs), min(ys), max(xs), max(ys)), (23, 23, 56, 46), atol=2.0)
     for bed in beds:
-        assert check_region(Region("bed", RegionKind.TARGET, bed.vertices), frame.shape, frame).level == "ok"
+        assert check_region(Region("bed", RegionKind.TARGET, bed.points_px), frame.shape, frame).level == "ok"
 
 
 def test_a_larger_frame_has_the_same_beds_in_its_own_pixels():
     frame = field((20, 20, 60, 50, 2.0))
     large = np.kron(frame, np.ones((4, 4)))
     small, bed = find_beds(frame)[0], find_beds(large)[0]
-    np.testing.assert_allclose(np.array(bed.vertices), 4.0 * np.array(small.vertices) + 1.5, atol=4.0)
+    np.testing.assert_allclose(np.array(bed.points_px), 4.0 * np.array(small.points_px) + 1.5, atol=4.0)
 
 
 def test_what_is_much_smaller_than_the_beds_lies_beside_them():

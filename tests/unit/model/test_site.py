@@ -18,7 +18,7 @@ def region(*corners: tuple[float, float]) -> Region:
 def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle():
     """Sides 30, 40 and 50: the circle has radius 10 about (10, 10), by area over half the perimeter."""
     nearly = region(*RIGHT_TRIANGLE).shrunk(9.999)
-    assert all(corner == pytest.approx((10.0, 10.0), abs=0.01) for corner in nearly.vertices)
+    assert all(corner == pytest.approx((10.0, 10.0), abs=0.01) for corner in nearly.points_px)
     assert (nearly.name, nearly.tilt_deg, nearly.azimuth_deg) == ("bed", 15.0, 180.0)
     with pytest.raises(ConfigError, check=at("bed")):
         region(*RIGHT_TRIANGLE).shrunk(10.1)
@@ -28,7 +28,7 @@ def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle():
 def test_every_edge_moves_inwards_whichever_way_it_was_drawn(corners):
     smaller = region(*corners).shrunk(2.0)
     expected = {(2.0, 2.0), (18.0, 2.0), (18.0, 8.0), (8.0, 8.0), (8.0, 18.0), (2.0, 18.0)}
-    assert set(smaller.vertices) == expected
+    assert set(smaller.points_px) == expected
 
 
 @pytest.mark.parametrize(

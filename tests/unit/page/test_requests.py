@@ -12,7 +12,7 @@ from fieldkit.page import requests
 from fieldkit.page.requests import BadRequestError, parse
 from tests.harness.next_steps import at
 
-REGION = {"name": "b15", "role": "target", "vertices": [[1, 2], [30, 2.5], [30, 40]]}
+REGION = {"name": "b15", "kind": "target", "points_px": [[1, 2], [30, 2.5], [30, 40]]}
 GOOD: list[dict[str, Any]] = [
     {"do": "picture", "mode": "jpeg"},
     {"do": "value", "x": 3, "y": 4.5},
@@ -71,9 +71,9 @@ def test_every_kind_of_request_is_tried_here():
         {"do": "mark", "text": "x" * 2001},
         {"do": "picture", "mode": "gif"},
         {"do": "sessions", "path": "/etc/passwd"},
-        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4]]}},
-        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4], [5, float("inf")]]}},
-        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2, 3]] * 4}},
+        {"do": "add_region", "region": {**REGION, "points_px": [[1, 2], [3, 4]]}},
+        {"do": "add_region", "region": {**REGION, "points_px": [[1, 2], [3, 4], [5, float("inf")]]}},
+        {"do": "add_region", "region": {**REGION, "points_px": [[1, 2, 3]] * 4}},
         {"do": "take_back", "mark": 0},
         {"do": "edit_mark", "mark": "first"},
         {"do": "slopes"},

@@ -49,7 +49,7 @@ def test_a_region_is_added_by_numbers_and_arrays_of_numpy(folder, tmp_path):
     corners = np.array([[2, 2], [14, 2], [14, 14.5], [2, 14]])
     campaign.add_region("mud", points=corners, tilt_deg=np.float32(7), azimuth_deg=np.int64(90))
     (mud,) = (region for region in fieldkit.open_campaign(tmp_path).config.regions if region.name == "mud")
-    assert (mud.vertices, mud.tilt_deg, mud.azimuth_deg) == (tuple(map(tuple, corners.tolist())), 7.0, 90.0)
+    assert (mud.points_px, mud.tilt_deg, mud.azimuth_deg) == (tuple(map(tuple, corners.tolist())), 7.0, 90.0)
 
 
 def test_estimates_are_those_of_the_recording(campaign):

@@ -66,7 +66,7 @@ def test_a_campaign_made_in_python_takes_regions_and_is_recorded(tmp_path):
     campaign.add_region("corner", rect=(1, 1, 12, 12), tilt_deg=7, azimuth_deg=90)
     corner = campaign.config.regions[-1]
     assert (corner.name, corner.kind, corner.tilt_deg) == ("corner", RegionKind.TARGET, 7.0)
-    assert corner.vertices == ((1, 1), (12, 1), (12, 12), (1, 12))
+    assert corner.points_px == ((1, 1), (12, 1), (12, 12), (1, 12))
     campaign.add_region("tilt-alone", rect=(20, 1, 12, 12), tilt_deg=15)  # the azimuth is not known
     assert math.isnan(campaign.regions[-1].azimuth_deg)
     with pytest.raises(ConfigError, match="soon"):

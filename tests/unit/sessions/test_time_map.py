@@ -168,7 +168,7 @@ def full_session(path: Path, ahead_ns: int) -> Path:
     writer.put(Health(4 * S, utc_ns[4], (), 0, 0, 0.0, 0.0, 0.0))
     writer.put(ClockCheck(3 * S, utc_ns[0] - ahead_ns + LATE_NS, 50, "gps"))
     _, target = HEADER.regions
-    moved = replace(target, vertices=tuple((x + 1.0, y) for x, y in target.vertices))
+    moved = replace(target, points_px=tuple((x + 1.0, y) for x, y in target.points_px))
     writer.put(RegionRecord(moved, utc_ns[60]))
     writer.put(RegionRecord(replace(target, name="later"), utc_ns[60]))
     slopes = [

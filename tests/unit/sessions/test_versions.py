@@ -253,7 +253,7 @@ SHAPES = [
     _set("streams", 0, "rate_hz", value=float("nan")), _set("streams", 0, "rate_hz", value=1e308 * 10),
     _set("streams", 0, "settings", value=[1]), _set("streams", 1, "raw_bytes", value=-5),
     _set("streams", 2, "channels", value=5), _set("regions", value=3), _set("regions", 0, value=[]),
-    _set("regions", 0, "vertices", value=[[1], [2], [3]]), _set("regions", 0, "kind", value="bed"),
+    _set("regions", 0, "points_px", value=[[1], [2], [3]]), _set("regions", 0, "kind", value="bed"),
     _set("regions", 0, "kind", value=-1), _set("regions", 0, "emissivity", value=[]),
     _set("title", value={}), _set("config_toml", value=[]), _set("regions", value=_nested(40)),
 ]  # fmt: skip

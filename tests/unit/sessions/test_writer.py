@@ -68,7 +68,7 @@ def test_entries_are_the_same(tmp_path):
         60_000_000_000, "b05", SlopeState.NOT_RESOLVED, 0.1 + 0.2, 181.0, second_tilt_deg=1 / 3,
         chi_square=2.0, flags=Quality.CLOUD, n_bins=4, model="paper", reason="two slopes fit ☼",
     )  # fmt: skip
-    moved = dataclasses.replace(HEADER.regions[1], vertices=((2.0, 2.0), (9.0, 2.0), (9.0, 9.5)))
+    moved = dataclasses.replace(HEADER.regions[1], points_px=((2.0, 2.0), (9.0, 2.0), (9.0, 9.5)))
     writer.put(event)
     writer.put(health)
     writer.put(check)

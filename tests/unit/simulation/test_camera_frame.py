@@ -42,7 +42,7 @@ def test_picture_is_the_beds_plus_errors_of_a_tenth_of_a_kelvin(scene):
     assert frame.shape == FRAME_SHAPE
     assert frame.dtype == np.float32
     for facet, truth_k in zip(scene.facets, scene.at(scene.start_ns).brightness_k, strict=False):
-        mask = Region(facet.name, RegionKind.TARGET, facet.region().vertices).mask(FRAME_SHAPE)
+        mask = Region(facet.name, RegionKind.TARGET, facet.region().points_px).mask(FRAME_SHAPE)
         assert frame[mask].mean() == pytest.approx(truth_k, abs=0.35)
 
 

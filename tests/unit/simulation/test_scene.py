@@ -112,7 +112,7 @@ def test_regions_lie_within_their_beds_and_carry_the_truth(scene):
     for facet, region in zip(scene.facets, scene.regions, strict=True):
         assert region.name == facet.name
         assert (region.tilt_deg, region.azimuth_deg) == (facet.tilt_deg, facet.azimuth_deg)
-        bed = replace(region, vertices=facet.vertices).mask((120, 160))
+        bed = replace(region, points_px=facet.points_px).mask((120, 160))
         inside = region.mask((120, 160))
         assert inside.sum() > 500
         assert not (inside & ~bed).any()

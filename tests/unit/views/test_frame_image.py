@@ -52,7 +52,7 @@ def test_palette_grows_brighter_at_every_step():
 
 def test_outline_passes_through_the_corners_and_leaves_the_inside(regions):
     edge = frame_image.outline_mask(regions[2], (30, 40), 30, 40)
-    assert all(edge[int(y), int(x)] for x, y in regions[2].vertices)
+    assert all(edge[int(y), int(x)] for x, y in regions[2].points_px)
     assert not edge[9, 33]
     assert edge.sum() == 2 * (11 + 11) - 4  # the rim of an 11 by 11 box
 

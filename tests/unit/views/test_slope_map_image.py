@@ -98,7 +98,7 @@ def test_outlines_and_names_are_drawn(regions):
     )
     changed = (plain != drawn).any(axis=-1)
     for region in regions:
-        x, y = np.mean(region.vertices, axis=0) * 24 + 12
+        x, y = np.mean(region.points_px, axis=0) * 24 + 12
         assert changed[64 + round(y), LEFT_PX + round(x)]
     assert not changed[:64].any()
 

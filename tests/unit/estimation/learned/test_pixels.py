@@ -53,7 +53,7 @@ def test_the_exchange_of_each_minute_is_that_of_the_wind():
 def test_without_anything_learnt_pixels_are_solved_by_the_full_model():
     world = harsh_world(6002, CLEAR, RANDOM, harm=HARMLESS, minutes=20)
     regions = tuple(
-        replace(one, vertices=((0, row), (2, row), (2, row + 1), (0, row + 1)))
+        replace(one, points_px=((0, row), (2, row), (2, row + 1), (0, row + 1)))
         for row, one in enumerate(world.regions)
     )
     history = world.history

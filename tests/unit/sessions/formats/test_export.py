@@ -396,7 +396,7 @@ def test_pictures_show_scale_and_regions(session, tmp_path):
     (path,) = export_pngs(session, tmp_path, every=FRAMES)
     image = cv2.imread(str(path))
     assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
-    first = HEADER.regions[0].vertices[0]
+    first = HEADER.regions[0].points_px[0]
     x, y = (int((pixel + 0.5) * 20) for pixel in first)
     x += LEFT_PX
     assert image[y, x + 40].min() > 200  # the outline's upper edge

@@ -116,7 +116,7 @@ def recorded(tmp_path_factory, site, regions, streams):
 def config_toml(regions) -> str:
     tables = [
         f'[[region]]\nname = "{region.name}"\nkind = "{region.kind.name.lower()}"\n'
-        f"points_px = {[list(point) for point in region.vertices]}\n"
+        f"points_px = {[list(point) for point in region.points_px]}\n"
         f"tilt_deg = {region.tilt_deg}\nazimuth_deg = {region.azimuth_deg}\n"
         for region in regions
     ]
