@@ -318,5 +318,5 @@ def test_a_plan_needs_facets_that_can_be(facets):
     "wrong", [{"dni_w_m2": math.nan}, {"turbidity": 0.0}, {"air_c": math.inf}, {"step_min": -30}]
 )
 def test_assumptions_of_a_plan_are_possible_numbers(wrong):
-    with pytest.raises(ConfigError, match=f"{next(iter(wrong))} = "):
+    with pytest.raises(ConfigError, match=f"{next(iter(wrong))}: "):
         planning.PlanOptions(**wrong)

@@ -81,19 +81,15 @@ def test_a_recording_that_has_just_begun_is_waited_for(path, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "read"),
+    ("name", "read"),
     [
-        ("entry/start_time", None, lambda session: session.identity),
-        ("entry/start_time", b"\xff\xfe", lambda session: session.identity),
-        ("config/packages", None, lambda session: session.provenance),
-        ("time_map/add_ns", None, lambda session: session.time_map()),
+        ("config/packages", lambda session: session.provenance),
+        ("time_map/add_ns", lambda session: session.time_map()),
     ],
 )
-def test_what_another_program_took_from_a_header_is_named_with_the_next_step(path, name, value, read):
+def test_what_another_program_took_from_a_header_is_named_with_the_next_step(path, name, read):
     with h5py.File(path, "r+") as file:
         del file[name]
-        if value is not None:
-            file[name] = value
     with open_session(path) as session, pytest.raises(SessionError, match=r"field\.h5 is damaged") as error:
         read(session)
     assert [step.action for step in steps(error.value)] == [Action.RECOVER]
@@ -131,9 +127,10 @@ def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path):
         assert all(name in str(caught.value.fix) for name in session.streams)
         with pytest.raises(SessionError, check=at("camera")):
             session["camera"].readings()
-        with pytest.raises(SessionError, check=at("lux")) as caught:
+        with pytest.raises(SessionError, check=at(path)) as caught:
             session["lux"].kelvin()
-        assert "camera" in caught.value.message + str(caught.value.fix)
+        assert "'lux'" in caught.value.message
+        assert "camera" in str(caught.value.fix)
 
 
 ARGUMENTS = {
@@ -143,7 +140,7 @@ ARGUMENTS = {
 VAR_ARGS, VAR_NAMES = Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD
 OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets", "tables"}
 """What does not need the file; the last are objects of h5py, which closed with it."""
-CLOSED = r"field\.h5: closed\n  fix: open it again: fieldkit\.open_session|'\w+' is (not )?a camera"
+CLOSED = r"field\.h5: closed\n  fix: open it again: fieldkit\.open_session|is (not )?a camera"
 
 
 def read(of: object, name: str) -> None:
