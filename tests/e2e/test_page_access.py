@@ -635,7 +635,7 @@ def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(
         assert answers[latin, "download"].body == b"not a session"
         assert [answers[latin, what].status for what in ("report", "picture", "thumbnail")] == [202, 404, 404]
         for what in ("download", "report", "picture", "thumbnail"):
-            assert answers[left, what].body.startswith(b"only the journal of left is left")
+            assert answers[left, what].body.startswith(b"left: ")
 
 
 def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page, monkeypatch):

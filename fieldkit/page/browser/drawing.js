@@ -114,7 +114,7 @@ function snapped([x, y]) {
   if (isSkyline()) return within([x, y]);
   const reach = Math.max(1, SNAP_PX / zoom());
   let [bestX, bestY] = [x, y], [nearX, nearY] = [reach + 0.01, reach + 0.01];
-  for (const box of regions.list.filter((region) => region.name !== drawing.draft.original && !region.camera).map(boundsOf)) {
+  for (const box of regions.list.filter((region) => region.name !== drawing.draft.original && !region.camera).map((region) => boundsOf(region.points_px))) {
     const besideX = y >= box.top - 1 && y <= box.bottom + 1, besideY = x >= box.left - 1 && x <= box.right + 1;
     for (const at of besideX ? [box.left - 1, box.right + 1] : [box.left, box.right]) {
       if (Math.abs(at - x) < nearX) [bestX, nearX] = [at, Math.abs(at - x)];
@@ -126,7 +126,7 @@ function snapped([x, y]) {
   return within([bestX, bestY]);
 }
 
-function boundsOf({ vertices }) {
+function boundsOf(vertices) {
   const x = vertices.map((vertex) => vertex[0]), y = vertices.map((vertex) => vertex[1]);
   return { left: Math.min(...x), right: Math.max(...x), top: Math.min(...y), bottom: Math.max(...y) };
 }
@@ -272,7 +272,7 @@ function drag(event) {
 }
 
 function moveWhole(draft, grip, [x, y]) {
-  const box = boundsOf({ vertices: grip.whole });
+  const box = boundsOf(grip.whole);
   const dx = Math.min(pixels.width - 1 - box.right, Math.max(-box.left, x - grip.start[0]));
   const dy = Math.min(pixels.height - 1 - box.bottom, Math.max(-box.top, y - grip.start[1]));
   draft.vertices = grip.whole.map((vertex) => [vertex[0] + dx, vertex[1] + dy]);
