@@ -18,8 +18,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(?ms)^```py(?:thon)?(?: title=\"(\S+)\.py\")?\n(.*?)^```")
-WITHOUT_IMPORTS = ("usb-lab.md",)
-"""Pages that show part of a test."""
+UNTYPED = ("usb-lab.md", "session-file.md")
+"""Pages that show part of a test, or a library without types, which `tests/e2e/test_ecosystem.py` runs."""
 OPTIONS = {
     "typeCheckingMode": "strict",
     "pythonVersion": "3.11",
@@ -45,7 +45,7 @@ def modules() -> Iterator[tuple[str, str]]:
     pages = (path for folder in ("docs", "examples") for path in sorted((ROOT / folder).rglob("*.md")))
     for path in (ROOT / "README.md", *pages):
         blocks = BLOCK.findall(path.read_text(encoding="utf-8"))
-        if blocks and path.name not in WITHOUT_IMPORTS:
+        if blocks and path.name not in UNTYPED:
             yield from ((title, block) for title, block in blocks if title)
             yield module_name(path), "\n\n".join(block for title, block in blocks if not title)
     for path in sorted((ROOT / "examples").rglob("*.py")):

@@ -137,7 +137,7 @@ class GuardedFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.disk = GuardedDisk(path)
+        self.disk: GuardedDisk = GuardedDisk(path)
         try:
             self.file: Any = h5py.File(self.disk, "r+", libver=LIBVER)
         except BaseException:

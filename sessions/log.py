@@ -167,7 +167,7 @@ class LogReader:
     """
 
     def __init__(self, path: Path, start: int = 0) -> None:
-        self.name = path.name
+        self.name: str = path.name
         self._start = start
         self.damage: list[str] = []
         self.is_whole: bool = True

@@ -71,7 +71,7 @@ class Latest:
         planned_end_ns: int | None = None,
     ) -> None:
         self.site = site
-        self.title = title
+        self.title: str = title
         self.planned_end_ns = planned_end_ns
         self.regions: tuple[Region, ...] = tuple(regions)
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in streams}
