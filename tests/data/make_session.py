@@ -9,4 +9,4 @@ from fieldkit.sessions.layout import FORMAT_VERSION
 from tests.harness.faults import small_session
 
 if __name__ == "__main__":
-    small_session(Path(__file__).with_name(f"session-{FORMAT_VERSION}.h5"))
+    small_session(Path(__file__).parent / "sessions" / f"{FORMAT_VERSION}.h5")

@@ -201,7 +201,9 @@ def content(path: Path) -> tuple[list[Sample], list[Any]]:
 
 
 @pytest.mark.parametrize(
-    "stored", sorted((Path(__file__).parents[2] / "data").glob("session-*.h5")), ids=lambda path: path.stem
+    "stored",
+    sorted((Path(__file__).parents[2] / "data" / "sessions").glob("*.h5")),
+    ids=lambda path: path.stem,
 )
 def test_a_stored_session_of_every_version_is_read_as_one_of_today(stored, tmp_path):
     samples, tables = content(Path(shutil.copy(stored, tmp_path)))
