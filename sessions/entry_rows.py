@@ -119,10 +119,10 @@ def row_of(columns: Iterable[Column], entry: object, **values: Any) -> Row:
     row = {
         name: values[name] if name in values else getattr(entry, attribute) for name, attribute in row.items()
     }
-    return {column.name: _stored(row[column.name], column) for column in columns}
+    return {column.name: _stored_value(row[column.name], column) for column in columns}
 
 
-def _stored(value: Any, column: Column) -> Any:
+def _stored_value(value: Any, column: Column) -> Any:
     if column.is_text and not isinstance(value, bytes):
         return encode_text(str(value), np.dtype(column.dtype).itemsize)
     return value // 1000 if column.attributes.get("units") == TIME_UNITS else value

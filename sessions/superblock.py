@@ -46,7 +46,7 @@ def _superblock(path: Path) -> bytes:
 
 def mend(superblock: bytes, length: int) -> bytes:
     """The superblock of a file of `length` bytes that is not being written."""
-    return _changed(superblock, 0, length)
+    return _with_flags(superblock, 0, length)
 
 
 def share(superblock: bytes) -> bytes:
@@ -55,10 +55,10 @@ def share(superblock: bytes) -> bytes:
     To files that are not the library's own it writes "one writer, many readers" without "being written".
     """
     flags, (end,) = superblock[_FLAGS], struct.unpack_from("<Q", superblock, _END)
-    return _changed(superblock, flags | _WRITTEN if flags & _SHARED else flags, end)
+    return _with_flags(superblock, flags | _WRITTEN if flags & _SHARED else flags, end)
 
 
-def _changed(superblock: bytes, flags: int, length: int) -> bytes:
+def _with_flags(superblock: bytes, flags: int, length: int) -> bytes:
     head = bytearray(superblock)
     head[_FLAGS] = flags
     struct.pack_into("<Q", head, _END, length)

@@ -72,7 +72,7 @@ class Ground:
             heights.append([float(east), float(north), float(height)])
         return heights
 
-    def seen(self, points_m: Sequence[Sequence[float]], times_ns: Sequence[int]) -> list[Corner]:
+    def corners_seen(self, points_m: Sequence[Sequence[float]], times_ns: Sequence[int]) -> list[Corner]:
         """Corners in the frame, to a tenth of a pixel, at the first of some times that shows them all.
 
         Raises `ConfigError` if there is none, with those that the first does not show.
@@ -150,7 +150,7 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
         raise ConfigError("at least three corners [east, north] or [east, north, height] are needed")
     region["points_m"] = ground.with_heights(points)
     if "points_px" not in region:
-        corners = ground.seen(region["points_m"], ground.path.trajectory.time_ns)
+        corners = ground.corners_seen(region["points_m"], ground.path.trajectory.time_ns)
         region["points_px"] = [list(corner) for corner in corners]
 
 

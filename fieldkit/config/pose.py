@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.files import read_text, table_in
 from fieldkit.config.references import campaign_folder
-from fieldkit.config.toml_schema import PoseTable, expected, node_at
+from fieldkit.config.toml_schema import PoseTable, describe_value, node_at
 from fieldkit.config.validation import Mistake
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
@@ -263,7 +263,7 @@ def _contradictions(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     needed = () if "trajectory" in values else (*PLACE, turned, *(ANGLES[1:2] if turned in ANGLES else ()))
     for key in needed:
         if key not in values:
-            yield key, f"missing; expected {expected(node_at((*KEY, key)))}"
+            yield key, f"missing; expected {describe_value(node_at((*KEY, key)))}"
     for key, others in (("trajectory", (*PLACE, "quaternion", *ANGLES)), ("quaternion", ANGLES)):
         if key in values and (twice := [other for other in others if other in values]):
             yield key, f"both {key} and {', '.join(twice)} are given; keep one"

@@ -583,7 +583,7 @@ def resolve(node: Node) -> Node:
     return node
 
 
-def expected(node: Node | None) -> str:
+def describe_value(node: Node | None) -> str:
     """Values that a key accepts: ``a number from -90 to 90 (degrees, north positive)``."""
     if node is None:
         return "something else"

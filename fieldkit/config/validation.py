@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from fieldkit.config.files import KeyPath, regions_in, table_in
-from fieldkit.config.toml_schema import expected, known_keys, node_at
+from fieldkit.config.toml_schema import describe_value, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.clock import YEARS
@@ -123,8 +123,8 @@ def _message(detail: ErrorDetails, path: KeyPath) -> str:
     if detail["type"] in UNKNOWN_KEY:
         return _unknown_key_message(path)
     if detail["type"] == "missing":
-        return f"missing; expected {expected(node_at(path))}"
-    return f"got {detail['input']!r}, expected {expected(node_at(path))}"
+        return f"missing; expected {describe_value(node_at(path))}"
+    return f"got {detail['input']!r}, expected {describe_value(node_at(path))}"
 
 
 def _unknown_key_message(path: KeyPath) -> str:

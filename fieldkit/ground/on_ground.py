@@ -128,7 +128,7 @@ def on_frame(
     """
     ground = Ground(pose, shape)
     pose.at(time_ns)
-    return ground.seen(ground.with_heights(points_m), [time_ns])
+    return ground.corners_seen(ground.with_heights(points_m), [time_ns])
 
 
 def _distances_m(camera: Camera, pose: PoseTable, dem: Heights | None) -> FloatArray:

@@ -146,7 +146,7 @@ def runs_of(sources: Sequence[Source], grid: Grid, estimate: Estimate) -> list[R
         for source in sources
         for number, settings in enumerate(grid.sets)
     ]
-    for parameter in grid.varied if sources else ():
+    for parameter in grid.varied_parameters if sources else ():
         if parameter.key == PRIOR:
             continue
         tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
@@ -239,7 +239,7 @@ class Grid:
         return list(itertools.product(*options))
 
     @property
-    def varied(self) -> tuple[Parameter, ...]:
+    def varied_parameters(self) -> tuple[Parameter, ...]:
         """The parameters of more than one value."""
         return tuple(parameter for parameter in self.parameters if len(parameter.values) > 1)
 
@@ -438,7 +438,7 @@ def rank(
         cross_validated_deg=left_out,
         same_choice=same,
         folds=sessions.size,
-        effects=tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied),
+        effects=tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied_parameters),
         uncertain_share=float(uncertain[best].sum() / solved[best].sum()),
         unranked=unranked,
     )

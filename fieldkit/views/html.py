@@ -57,7 +57,7 @@ class Table:
         return [_is_numeric(column) and _widest(column) == 1 for column in self._by_column]
 
     @property
-    def aligned(self) -> Sequence[Sequence[object]]:
+    def aligned_rows(self) -> Sequence[Sequence[object]]:
         """The rows, the decimal points of numbers in a column one below the other."""
         columns = [_align(column) if _is_numeric(column) else column for column in self._by_column]
         return list(zip(*columns, strict=True)) if self.rows else []

@@ -47,7 +47,7 @@ def test_sets_are_all_combinations_the_last_parameter_fastest():
         ("a.x=1", "a.y=5", "a.z=p"), ("a.x=1", "a.y=5", "a.z=q"),
         ("a.x=2", "a.y=5", "a.z=p"), ("a.x=2", "a.y=5", "a.z=q"),
     ]  # fmt: skip
-    assert [parameter.key for parameter in grid.varied] == ["a.x", "a.z"]
+    assert [parameter.key for parameter in grid.varied_parameters] == ["a.x", "a.z"]
 
 
 @pytest.mark.parametrize("text", ["0.3:0.1:0.1", "0:1:0", "0:1:-0.1", "0:1:0.000001"])

@@ -71,7 +71,7 @@ def test_parts_of_a_figure_can_be_hidden_if_there_are_several():
 )
 def test_decimal_points_stand_below_each_other(cells, aligned):
     """Here _ is a space as wide as a digit, and ' one as wide as a point."""
-    made = [str(row[0]) for row in Table(("",), [(cell,) for cell in cells]).aligned]
+    made = [str(row[0]) for row in Table(("",), [(cell,) for cell in cells]).aligned_rows]
     assert made == [cell.replace("_", "\u2007").replace("'", "\u2008") for cell in aligned]
 
 
