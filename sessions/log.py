@@ -172,6 +172,8 @@ class LogReader:
         self.damage: list[str] = []
         self.is_whole: bool = True
         self.origin: Origin | None = None
+        # a disk that is away for a moment must not pass for damage: what is damaged, recovery leaves out
+        self._patience = Patience()
         self._file = path.open("rb", buffering=_WINDOW)
         stat = os.fstat(self._file.fileno())
         self._size, self._inode = stat.st_size, (stat.st_dev, stat.st_ino)
@@ -244,9 +246,13 @@ class LogReader:
         return self._size
 
     def _read(self, at: int, size: int) -> bytes:
-        """Bytes of the file; none where the disk does not give them."""
-        try:
+        """Bytes of the file; none where the disk does not give them, nor a moment later."""
+
+        def read() -> bytes:
             self._file.seek(at)
             return self._file.read(size)
+
+        try:
+            return self._patience(read)
         except OSError:
             return b""

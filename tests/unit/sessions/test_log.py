@@ -1,5 +1,8 @@
 """A log gives back every record whose bytes are whole, whatever became of those around it."""
 
+import errno
+import io
+import os
 import random
 from pathlib import Path
 
@@ -125,3 +128,25 @@ def test_record_that_does_not_fit_leaves_nothing_behind(tmp_path):
     found, reader = read(tmp_path / "log")
     assert found == [(0, b"first"), (1, b"second")]
     assert reader.is_whole
+
+
+class StumblingFile(io.FileIO):
+    """A file that the disk does not give twice, and then does."""
+
+    refusals = 2
+
+    def read(self, size: int = -1) -> bytes:
+        if self.refusals:
+            self.refusals -= 1
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return super().read(size)
+
+
+def test_a_disk_that_is_away_for_a_moment_is_no_damage(tmp_path):
+    written(tmp_path / "log")
+    log = LogReader(tmp_path / "log")
+    log.close()
+    log._file = StumblingFile(tmp_path / "log")
+    assert [log.payload(head) for head in log.heads()] == [payload(number) for number in range(40)]
+    assert (log.damage, log.is_whole, log._file.refusals) == ([], True, 0)
+    log.close()
