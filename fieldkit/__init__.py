@@ -84,10 +84,10 @@ __all__ = ["__version__", *_MODULE_OF]  # noqa: PLE0604 (a test compares it with
 
 def __getattr__(name: str) -> object:
     if name not in _MODULE_OF:
-        from difflib import get_close_matches
+        from fieldkit.model.spelling import nearest
 
-        near = get_close_matches(name, __all__, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near and name[0] != "_" else ""
+        near = None if name.startswith("_") else nearest(name, __all__)
+        hint = f"; did you mean {near!r}?" if near else ""
         raise AttributeError(f"module 'fieldkit' has no attribute {name!r}{hint}")
     module = _import_module(_MODULE_OF[name])
     value = _import_module(f"{module.__name__}.{name}") if name == "calibrate" else getattr(module, name)

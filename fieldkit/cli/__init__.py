@@ -125,10 +125,10 @@ class CommandTable(click.Group):
         return super().resolve_command(ctx, args)
 
     def _nearest(self, typed: str) -> str:
-        from difflib import get_close_matches
+        from fieldkit.model.spelling import nearest
 
-        near = get_close_matches(typed, self.summaries, n=1)
-        return f"; did you mean {near[0]!r}?" if near else ""
+        near = nearest(typed, self.summaries)
+        return f"; did you mean {near!r}?" if near else ""
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Completions of a word typed in a shell: commands with their summaries, without importing any."""

@@ -53,8 +53,9 @@ DEEP_M = 0.3
 
 def with_defaults_of_world(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The plain configuration with the defaults of its site's body, where it does not set them."""
-    body = BODIES.get(table_in(document, "site").get("body", "earth"))
-    if body is None or body is EARTH:
+    stated = table_in(document, "site").get("body", "earth")
+    body = next((BODIES[name] for name in BODIES if name == stated), EARTH)  # the schema refuses others
+    if body is EARTH:
         return document
     defaults = _defaults(body)
     return with_defaults(

@@ -157,6 +157,8 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
 def _is_incomplete(region: dict[str, Any]) -> bool:
     """True if a region on the ground has no heights or pixels yet."""
     points: Any = region.get("points_m")
+    if not isinstance(points, list):
+        return bool(points)  # `_complete` refuses it
     return bool(points) and not ("points_px" in region and all(_is_point(point, (3,)) for point in points))
 
 

@@ -23,18 +23,23 @@ from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.durations import times_of_day
 from fieldkit.model.light_meter import ConfiguredKind, Diffuse, Mounting
-from fieldkit.model.quantities import LIMITS, Component
+from fieldkit.model.quantities import LIMITS, Component, Quantity
 from fieldkit.model.site import ELEVATIONS_M, Region, RegionKind
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Tilt = Annotated[float, Field(ge=0, le=90)]
-Fraction = Annotated[float, Field(gt=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0.01, le=1)]
+Relative = Annotated[float, Field(ge=0, le=1)]
+HeldSeconds = Annotated[float, Field(ge=0, le=604_800)]
+Cosine = Annotated[float, Field(ge=-1.001, le=1.001)]
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+Easting = Annotated[float, Field(ge=-1e8, le=1e8)]
+Height = Annotated[float, Field(ge=ELEVATIONS_M[0], le=ELEVATIONS_M[1])]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
-GroundPoint = Annotated[list[float], Field(min_length=2, max_length=3)]
+Pixel = Annotated[float, Field(ge=-100_000, le=100_000)]
+Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
+GroundPoint = Annotated[list[Easting], Field(min_length=2, max_length=3)]
 HorizonPoint = Annotated[tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]], Field(strict=False)]
 
 Fault = Literal[
@@ -79,12 +84,7 @@ class SiteTable(Table):
 
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
-    elevation_m: float = Field(
-        default=0.0,
-        ge=ELEVATIONS_M[0],
-        le=ELEVATIONS_M[1],
-        description="metres above sea level, elsewhere above the datum",
-    )
+    elevation_m: Height = Field(default=0.0, description="metres above sea level, elsewhere above the datum")
     body: Literal["earth", "mars", "moon"] = Field(
         default="earth", description="the world; latitude and longitude are planetographic, east positive"
     )
@@ -120,9 +120,9 @@ class PoseTable(Table):
     crs: str = Field(
         examples=["EPSG:32613"], description="projected reference system in metres, of all places"
     )
-    east_m: float | None = _unset(412000.0, "the camera's easting")
-    north_m: float | None = _unset(4172000.0, "its northing")
-    height_m: float | None = _unset(2305.0, "its height")
+    east_m: Easting | None = _unset(412000.0, "the camera's easting")
+    north_m: Easting | None = _unset(4172000.0, "its northing")
+    height_m: Height | None = _unset(2305.0, "its height")
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = _unset(
         0.0, "azimuth of the optical axis, from true north, clockwise"
     )
@@ -132,7 +132,7 @@ class PoseTable(Table):
     roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = _unset(
         0.0, "turn about it, clockwise as the camera sees; default: 0"
     )
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = _unset(
+    quaternion: Annotated[list[Cosine], Field(min_length=4, max_length=4)] | None = _unset(
         [-0.5, 0.5, -0.5, 0.5], "x, y, z, w instead of angles, from right, down, forward to east, north, up"
     )
     trajectory: str | None = _unset(
@@ -141,19 +141,19 @@ class PoseTable(Table):
     hfov_deg: float = Field(
         examples=[50.0], gt=0, lt=180, description="horizontal field of view, from edge to edge"
     )
-    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = _unset(
+    distortion: Annotated[list[Coefficient], Field(min_length=5, max_length=5)] | None = _unset(
         [-0.3, 0.1, 0.0, 0.0, 0.0], "k1, k2, p1, p2, k3 of the lens, as OpenCV gives them"
     )
     range_m: float = Field(examples=[60.0], gt=0, le=10_000, description="farther ground is omitted")
-    ground_m: float | None = _unset(2300.0, "height of level ground")
+    ground_m: Height | None = _unset(2300.0, "height of level ground")
     dem: str | None = _unset("dem.tif", "a GeoTIFF of heights, beside this file")
 
 
 class CameraTable(DeviceTable):
     """The thermal camera."""
 
-    width_px: int | None = _unset(160, "frame width, to check regions against", gt=0)
-    height_px: int | None = _unset(120, "frame height, to check regions against", gt=0)
+    width_px: int | None = _unset(160, "frame width, to check regions against", gt=0, le=20_000)
+    height_px: int | None = _unset(120, "frame height, to check regions against", gt=0, le=20_000)
     pose: PoseTable | None = _unset(
         {}, "where it stands and looks: a TOML file beside this one, or the table [camera.pose]"
     )
@@ -164,7 +164,7 @@ class MeterTable(DeviceTable):
 
     every_s: float = Field(
         default=1.0,
-        gt=0,
+        ge=0.001,
         le=3600,
         description="seconds between two polls of the meter, or two records of one that sends by itself",
     )
@@ -173,8 +173,8 @@ class MeterTable(DeviceTable):
 class LuxTable(MeterTable):
     """The illuminometer."""
 
-    range_max_lx: Positive | None = _unset(
-        100000.0, "upper end of the meter's range; readings there are flagged"
+    range_max_lx: float | None = _unset(
+        100000.0, "upper end of the meter's range; readings there are flagged", ge=100, le=1_000_000
     )
 
 
@@ -194,12 +194,14 @@ class IrradianceTable(Table):
     par_fraction: Fraction = Field(
         default=0.44, description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter"
     )
-    efficacy_lm_w: Positive = Field(
-        default=105.0, description="lumen per watt of direct sunlight, for efficacy"
+    efficacy_lm_w: float = Field(
+        default=105.0, ge=10, le=683, description="lumen per watt of direct sunlight, for efficacy"
     )
-    factor: Positive | None = _unset(0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"')
-    factor_sd: NotNegative = Field(
-        default=0.0, description="standard uncertainty of factor; a record brings its own"
+    factor: float | None = _unset(
+        0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"', ge=1e-6, le=1e6
+    )
+    factor_sd: float = Field(
+        default=0.0, ge=0, le=1e6, description="standard uncertainty of factor; a record brings its own"
     )
     mounting: Mounting = Field(
         default="horizontal", description="how the light meter, or that of gti, is mounted"
@@ -245,23 +247,25 @@ class SurfaceTable(Table):
 class AirTable(Table):
     """The air over the ground and its heat exchange."""
 
-    heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
-    density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
-    exchange_m_s: NotNegative = Field(default=0.015, description=f"C_H U {TABLE_1}; 0 without air")
+    heat_capacity_j_kg_k: float = Field(default=1000.0, ge=500, le=2500, description=f"c_p {TABLE_1}")
+    density_kg_m3: float = Field(default=1.21, ge=0.001, le=2, description=f"rho {TABLE_1}")
+    exchange_m_s: float = Field(default=0.015, ge=0, le=1, description=f"C_H U {TABLE_1}; 0 without air")
 
 
 class SlabTable(Table):
     """Heat storage of the sand, for full; the learned model starts from it."""
 
     depth_m: float = Field(
-        default=0.03, gt=0, le=2, description='depth of the sand above the insulating sheet; or "@name"'
+        default=0.03, ge=0.001, le=2, description='depth of the sand above the insulating sheet; or "@name"'
     )
-    conductivity_w_m_k: Positive = Field(
-        default=0.25, description='0.2 to 0.35 for dry loose sand; or "@name"'
+    conductivity_w_m_k: float = Field(
+        default=0.25, ge=0.0005, le=10, description='0.2 to 0.35 for dry loose sand; or "@name"'
     )
-    heat_capacity_j_m3_k: Positive = Field(default=1.3e6, description="density times specific heat")
-    conductivity_sd: NotNegative = Field(default=0.2, description="relative standard uncertainty")
-    capacity_sd: NotNegative = Field(default=0.1, description="relative standard uncertainty")
+    heat_capacity_j_m3_k: float = Field(
+        default=1.3e6, ge=1e5, le=5e6, description="density times specific heat"
+    )
+    conductivity_sd: Relative = Field(default=0.2, description="relative standard uncertainty")
+    capacity_sd: Relative = Field(default=0.1, description="relative standard uncertainty")
 
 
 def _times_of_day(text: str) -> str:
@@ -275,7 +279,7 @@ class RecordTable(Table):
     sampling: Literal["all", "bursts"] = Field(
         default="bursts", description="all frames, or a burst every every_s seconds"
     )
-    every_s: Positive = Field(default=60.0, description="seconds from burst to burst")
+    every_s: float = Field(default=60.0, ge=0.1, le=86_400, description="seconds from burst to burst")
     burst_frames: int = Field(default=3, ge=1, le=1000, description="frames in a burst")
     shutter_before_burst: bool = Field(
         default=True, description="run the shutter correction before each burst"
@@ -293,8 +297,8 @@ class LimitsTable(Table):
 
     temperature_min_c: float | None = _unset(0.0, "alarm below; default: none", ge=-100, le=200)
     temperature_max_c: float | None = _unset(60.0, "alarm above; default: none", ge=-100, le=200)
-    temperature_rate_k_min: Positive | None = _unset(
-        2.0, "alarm if a minute mean differs by more from the one before; default: none"
+    temperature_rate_k_min: float | None = _unset(
+        2.0, "alarm if a minute mean differs by more from the one before; default: none", gt=0, le=100
     )
     tilt_min_deg: Tilt | None = _unset(5.0, "alarm if the estimated tilt is below; default: none")
     tilt_max_deg: Tilt | None = _unset(30.0, "alarm if the estimated tilt is above; default: none")
@@ -307,23 +311,26 @@ class AlarmsTable(LimitsTable):
     """Conditions and outputs of alarms while recording; the limits are those of all regions."""
 
     disk_reserve_mb: float = Field(
-        default=64.0, ge=1, description="frames are no longer stored when less is free"
+        default=64.0, ge=1, le=10_000_000, description="frames are no longer stored when less is free"
     )
     off: list[ConditionName] = Field(
         default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
     )
-    hold_s: dict[ConditionName, NotNegative] = Field(
+    hold_s: dict[ConditionName, HeldSeconds] = Field(
         default={},
         description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
     )
-    clear_s: dict[ConditionName, NotNegative] = Field(
+    clear_s: dict[ConditionName, HeldSeconds] = Field(
         default={}, description="by condition, seconds it must be over to clear its alarm"
     )
     severity: dict[ConditionName, SeverityWord] = Field(
         default={}, description='by condition: info, warning or error, such as {cloud = "warning"}'
     )
     garbled_per_min: int = Field(
-        default=5, ge=1, description="invalid records of an instrument in a minute that are an alarm"
+        default=5,
+        ge=1,
+        le=100_000,
+        description="invalid records of an instrument in a minute that are an alarm",
     )
     region: dict[Name, LimitsTable] = Field(
         default={}, description="limits of single regions, in place of those above, by the region's name"
@@ -356,10 +363,12 @@ class SimulationTable(Table):
         description="the packaged day, clear, or a file of SURFRAD or BSRN",
     )
     start: AwareDatetime | None = _unset("2016-01-01T12:00:00-07:00", "start time with its offset from UTC")
-    speed: Positive | Literal["max"] = Field(
+    speed: Annotated[float, Field(ge=0.001, le=1_000_000)] | Literal["max"] = Field(
         default=1.0, description="simulated seconds per second; max: as fast as possible"
     )
-    seed: int = Field(default=1, ge=0, description="random seed; the same seed gives the same session")
+    seed: int = Field(
+        default=1, ge=0, le=2**63 - 1, description="random seed; the same seed gives the same session"
+    )
     drawn: bool = Field(
         default=False,
         description="the seed also draws sand, heat exchange, gusts, sky and the light meter's error",
@@ -369,7 +378,7 @@ class SimulationTable(Table):
         description=f"faults to simulate: any of {', '.join(get_args(Fault))}",
     )
     sand_depth_m: float = Field(
-        default=0.02, gt=0, le=1, description="depth of the sand above the insulating sheet"
+        default=0.02, ge=0.001, le=1, description="depth of the sand above the insulating sheet"
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
     emissivity: Fraction = Field(default=0.90, description="true emissivity of the sand")
@@ -383,7 +392,7 @@ class SimulationTable(Table):
     jitter_px: float = Field(
         default=0.0, ge=0, le=20, description="shake of the camera, at most, in x and in y"
     )
-    camera_offset_k: dict[Name, float] = Field(
+    camera_offset_k: dict[Name, Annotated[float, Field(ge=-20, le=20)]] = Field(
         default={}, description="by camera, how much too warm it shows everything, such as {second = 0.4}"
     )
     terrain: bool = Field(
@@ -490,18 +499,17 @@ def _rising(ends: list[float]) -> list[float]:
     return ends
 
 
-def _possible(key: str) -> Any:
-    low, high = LIMITS[key].shown_limits
-    text = f"{LIMITS[key].words}, least and greatest; default: {low:.4g} to {high:.4g}"
-    return _unset([float(f"{low:.4g}"), float(f"{high:.4g}")], text)
+def _possible(row: Quantity) -> tuple[Any, Any]:
+    """Type and field of the limits of a quantity, whose ends have limits of their own."""
+    low, high = row.shown_limits
+    least, greatest = row.possible_limits
+    end = Annotated[float, Field(ge=least, le=greatest)]
+    ends = Annotated[list[end], Field(min_length=2, max_length=2), AfterValidator(_rising)]
+    text = f"{row.words}, least and greatest; default: {low:.4g} to {high:.4g}"
+    return ends | None, _unset([float(f"{low:.4g}"), float(f"{high:.4g}")], text)
 
 
-PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
-
-
-_RANGES: dict[str, Any] = {
-    row.limits_key: (PossibleRange | None, _possible(key)) for key, row in LIMITS.items()
-}
+_RANGES: dict[str, Any] = {row.limits_key: _possible(row) for row in LIMITS.values()}
 _Possible: type[Table] = create_model("PossibleTable", __base__=Table, **_RANGES)
 
 
@@ -619,12 +627,12 @@ def kind(node: Node) -> str:
 
 def _range(node: Node) -> str:
     if "minimum" in node and "maximum" in node:
-        return f" from {node['minimum']:g} to {node['maximum']:g}"
+        return f" from {node['minimum']:.10g} to {node['maximum']:.10g}"
     limits = {
         "exclusiveMinimum": "above",
         "minimum": "at least",
         "exclusiveMaximum": "below",
         "maximum": "at most",
     }
-    words = [f"{word} {node[limit]:g}" for limit, word in limits.items() if limit in node]
+    words = [f"{word} {node[limit]:.10g}" for limit, word in limits.items() if limit in node]
     return " " + " and ".join(words) if words else ""

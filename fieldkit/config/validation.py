@@ -5,49 +5,58 @@ Mistakes of single keys come from the pydantic models (`explain`), mistakes betw
 
 from __future__ import annotations
 
+import math
 import re
 import zoneinfo
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from difflib import get_close_matches
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeGuard
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from fieldkit.config.files import KeyPath, regions_in, table_in
-from fieldkit.config.toml_schema import describe_value, known_keys, node_at
+from fieldkit.config.toml_schema import describe_value, known_keys, node_at, resolve
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.clock import YEARS
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.light_meter import OF_DAYLIGHT
 from fieldkit.model.next_step import Text
+from fieldkit.model.quantities import LIMITS
 from fieldkit.model.site import Region, RegionKind, known_zone
+from fieldkit.model.spelling import did_you_mean, nearest
+from fieldkit.model.units import CELSIUS_ZERO_K
 
-UNITS = {
-    "deg": "degrees",
-    "c": "degrees Celsius",
-    "k": "kelvin",
-    "s": "seconds",
-    "m": "metres",
-    "m_s": "metres per second",
-    "px": "pixels",
-    "lx": "lux",
-    "mb": "megabytes",
-    "lm_w": "lumen per watt",
-    "w_m_k": "watts per metre and kelvin",
-    "w_m2": "watts per square metre",
-    "w_m2_k": "watts per square metre and kelvin",
-    "j_m3_k": "joules per cubic metre and kelvin",
-    "kg_m3": "kilograms per cubic metre",
-    "j_kg_k": "joules per kilogram and kelvin",
+UNITS: Mapping[str, tuple[str, Mapping[str, float]]] = {
+    "": ("", {"%": 100.0}),
+    "deg": ("degrees", {"radians": math.radians(1.0)}),
+    "c": ("degrees Celsius", {"K": 1.0, "°F": 1.8}),
+    "k": ("kelvin", {"mK": 1e3}),
+    "k_min": ("kelvin per minute", {"K/h": 60.0}),
+    "s": ("seconds", {"ms": 1e3, "minutes": 1.0 / 60.0, "hours": 1.0 / 3600.0}),
+    "m": ("metres", {"cm": 1e2, "mm": 1e3, "km": 1e-3, "feet": 1.0 / 0.3048}),
+    "m_s": ("metres per second", {"km/h": 3.6}),
+    "px": ("pixels", {}),
+    "lx": ("lux", {"klx": 1e-3}),
+    "mb": ("megabytes", {"bytes": 1e6, "GB": 1e-3}),
+    "lm_w": ("lumen per watt", {}),
+    "w_m_k": ("watts per metre and kelvin", {"mW/(m K)": 1e3}),
+    "w_m2": ("watts per square metre", {"kW/m²": 1e-3, "mW/cm²": 0.1}),
+    "w_m2_k": ("watts per square metre and kelvin", {"mW/(m² K)": 1e3}),
+    "w_m2_k_per_m_s": ("watts per square metre and kelvin, per metre per second", {}),
+    "j_m3_k": ("joules per cubic metre and kelvin", {"MJ/(m³ K)": 1e-6, "kJ/(m³ K)": 1e-3}),
+    "kg_m3": ("kilograms per cubic metre", {"g/cm³": 1e-3, "g/m³": 1e3}),
+    "j_kg_k": ("joules per kilogram and kelvin", {"kJ/(kg K)": 1e-3}),
 }
-"""Unit suffixes of keys, and their names."""
-
+"""Units of keys by their suffixes: in words, and how many of other units that people write are one of it."""
+ZEROS = {"K": CELSIUS_ZERO_K, "°F": 32.0}
+"""Numbers of other units at zero of the key's."""
 OTHER_UNITS = ("rad", "f", "ms", "min", "h", "cm", "mm", "km", "ft", "klx", "gb", "kj_kg_k", "percent")
-"""Units that are not accepted; the error message for such a key names the key in fieldkit's unit."""
+"""Suffixes that are not accepted; the error message for such a key names the key in fieldkit's unit."""
+_ENDS = (("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum"))
 
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
@@ -124,7 +133,7 @@ def _message(detail: ErrorDetails, path: KeyPath) -> str:
         return _unknown_key_message(path)
     if detail["type"] == "missing":
         return f"missing; expected {describe_value(node_at(path))}"
-    return f"got {detail['input']!r}, expected {describe_value(node_at(path))}"
+    return _unlike(path, detail["input"])
 
 
 def _unknown_key_message(path: KeyPath) -> str:
@@ -136,7 +145,7 @@ def _unknown_key_message(path: KeyPath) -> str:
     stem = _without_unit(resolved)
     other_unit = stem == _without_unit(typed) and stem != resolved
     return f"unknown key; did you mean {resolved}" + (
-        f", in {UNITS[resolved[len(stem) + 1 :]]}?" if other_unit else "?"
+        f", in {UNITS[resolved[len(stem) + 1 :]][0]}?" if other_unit else "?"
     )
 
 
@@ -144,7 +153,7 @@ def _resolve_key(path: KeyPath) -> str | None:
     """The known key closest to an unknown one: the same in fieldkit's unit, or one spelled alike."""
     typed, names = str(path[-1]).lower(), known_keys(path[:-1])
     same = [key for key in names if _without_unit(key) == _without_unit(typed)]
-    return next(iter(same or get_close_matches(typed, names, n=1)), None)
+    return same[0] if same else nearest(typed, names)
 
 
 def _qualified_key(path: KeyPath) -> str | None:
@@ -158,10 +167,31 @@ def _qualified_key(path: KeyPath) -> str | None:
 
 def _without_unit(key: str) -> str:
     """``tilt_rad`` and ``tilt_deg`` are both ``tilt``."""
-    for unit in sorted((*UNITS, *OTHER_UNITS), key=len, reverse=True):
+    for unit in sorted(filter(None, (*UNITS, *OTHER_UNITS)), key=len, reverse=True):
         if key.endswith(f"_{unit}"):
             return key.removesuffix(f"_{unit}")
     return key
+
+
+def _unlike(path: KeyPath, value: Any, limits: Mapping[str, float] = MappingProxyType({})) -> str:
+    """A value that a key does not accept, what it does, and the unit that a number may be in instead."""
+    node = {**(node_at(path) or {}), **limits}
+    ends = {
+        key: end for branch in (*map(resolve, node.get("anyOf", ())), node) for key, end in branch.items()
+    }
+    low, high = (next((ends[name] for name in names if name in ends), None) for names in _ENDS)
+    message = f"got {value!r}, expected {describe_value(node)}"
+    if low is None or high is None or not _is_number(value) or low <= value <= high:
+        return message
+    key = next(part for part in reversed(path) if isinstance(part, str))
+    suffix = max((unit for unit in UNITS if not unit or key.endswith(f"_{unit}")), key=len)
+    meant = ((unit, (value - ZEROS.get(unit, 0.0)) / by) for unit, by in UNITS[suffix][1].items())
+    fitting = [f"{number:.6g} if it is in {unit}" for unit, number in meant if low <= number <= high]
+    return f"{message}; write {' or '.join(fitting)}" if fitting else message
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return type(value) in (int, float) and abs(value) < 1e18
 
 
 # Checks between keys. They read the plain document and skip malformed values, which the models report, so
@@ -201,9 +231,7 @@ def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
         name = table.get("driver")
         if not isinstance(name, str) or name in registry.BUILT_IN or name in (installed := registry.names()):
             continue
-        near = get_close_matches(name, installed, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(installed)}"
-        yield Mistake((*path, "driver"), f"unknown driver {name!r}; {hint}")
+        yield Mistake((*path, "driver"), f"unknown driver {name!r}; {did_you_mean(name, installed)}")
 
 
 def _crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -221,7 +249,7 @@ def _repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
         pairs = table.get("horizon")
         horizon = pairs if isinstance(pairs, list) else ()
         azimuths = [pair[0] for pair in horizon if isinstance(pair, list) and pair]
-        turns = [azimuth % 360.0 for azimuth in azimuths if isinstance(azimuth, int | float)]
+        turns = [azimuth % 360.0 for azimuth in azimuths if _is_number(azimuth)]
         if len(set(turns)) < len(turns):
             yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
 
@@ -240,7 +268,7 @@ def outline(points: Any) -> list[tuple[float, float]] | None:
         return None
     if not all(isinstance(point, list) and len(point) == 2 for point in points):
         return None
-    if not all(isinstance(value, int | float) for point in points for value in point):
+    if not all(_is_number(value) for point in points for value in point):
         return None
     return [(float(x), float(y)) for x, y in points]
 
@@ -249,8 +277,8 @@ def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
     name = table_in(document, "site").get("timezone")
     if not isinstance(name, str) or known_zone(name) is not None:
         return
-    near = get_close_matches(name, zoneinfo.available_timezones(), n=1)
-    message = f"unknown time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
+    near = nearest(name, zoneinfo.available_timezones())
+    message = f"unknown time zone {name!r}" + (f"; did you mean {near}?" if near else "")
     yield Mistake(("site", "timezone"), f"{message} (IANA names, such as Asia/Tokyo)")
 
 
@@ -259,6 +287,8 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     site, simulation = table_in(document, "site"), table_in(document, "simulation")
     body = site.get("body", "earth")
     if body == "earth":
+        yield from _beyond_the_earth(document)
+    if body not in ("mars", "moon"):  # the schema refuses others
         return
     if site.get("timezone", "UTC") != "UTC":
         message = f"time zones belong to the Earth; omit it on {body}: local solar time is shown"
@@ -280,6 +310,20 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if (stated_value := irradiance.get(key)) in OF_DAYLIGHT:
             message = f"{stated_value} is a formula of the Earth's daylight; on {body} use {instead}"
             yield Mistake(("irradiance", key), message)
+
+
+EARTH: Mapping[KeyPath, tuple[float, float]] = {
+    ("estimator", "longwave_down_w_m2"): LIMITS["longwave_down"].shown_limits,
+    ("air", "density_kg_m3"): (0.3, 2.0),  # from above 10 km to -90 degC
+}
+"""Limits on the Earth, where other worlds have wider ones."""
+
+
+def _beyond_the_earth(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    for path, (low, high) in EARTH.items():
+        value = table_in(document, str(path[0])).get(str(path[1]))
+        if _is_number(value) and not low <= value <= high:
+            yield Mistake(path, _unlike(path, value, {"minimum": low, "maximum": high}))
 
 
 def _device_names(document: Mapping[str, Any]) -> Iterator[Mistake]:

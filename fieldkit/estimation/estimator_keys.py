@@ -12,7 +12,7 @@ from fieldkit.model.confidence import CONFIDENCE, LEAST_CONFIDENCE, MOST_CONFIDE
 
 Method = Literal["unit-norm", "contours"]
 Model = Literal["paper", "full", "learned"]
-Seconds = Annotated[float, Field(ge=60, strict=True)]
+Seconds = Annotated[float, Field(ge=60, le=86_400, strict=True)]
 STRICT: Mapping[str, Any] = {"extra": "forbid", "allow_inf_nan": False}
 """Settings of pydantic for a dataclass that is a table of the configuration."""
 
@@ -57,21 +57,23 @@ class EstimatorKeys:
     azimuth: Literal["free", "known"] = key("free", "known: uses each region's azimuth_deg")
     tilt_limit_deg: float = key(45.0, "upper limit of the tilt", gt=0, le=90)
     refraction: bool = key(False, "true: the apparent sun; false: geometric (paper)")
-    noise_k: float = key(0.05, "noise of a region's minute mean, one sigma", gt=0)
+    noise_k: float = key(0.05, "noise of a region's minute mean, one sigma", ge=0.001, le=5)
     low_sun_deg: float = key(8.0, "minutes with a lower sun are excluded", ge=0, le=45)
-    settle_s: float = key(600.0, "how long minutes stay flagged after a cloud", ge=0)
-    min_minutes: int = key(5, "minimum number of good minutes; a free azimuth needs at least 3", ge=2)
+    settle_s: float = key(600.0, "how long minutes stay flagged after a cloud", ge=0, le=86_400)
+    min_minutes: int = key(
+        5, "minimum number of good minutes; a free azimuth needs at least 3", ge=2, le=1440
+    )
     contour_tolerance_w_m2: float | None = key(
-        None, "half width of a contour; default: from the noise", gt=0, examples=[5.0]
+        None, "half width of a contour; default: from the noise", ge=0.01, le=500, examples=[5.0]
     )
     contour_threshold: float = key(0.5, "share of minutes that the best cell must explain", ge=0, le=1)
-    scale: float = key(1.0, 'kappa: measured over true share of the sun; or "@name"', gt=0)
+    scale: float = key(1.0, 'kappa: measured over true share of the sun; or "@name"', ge=0.1, le=10)
     scale_sd: float = key(
-        0.08, "standard uncertainty of scale with paper and full; learned: prior.gain_sd", ge=0
+        0.08, "standard uncertainty of scale with paper and full; learned: prior.gain_sd", ge=0, le=1
     )
-    exchange_sd: float = key(0.15, "relative standard uncertainty of air.exchange_m_s", ge=0)
-    offset_sd_k: float = key(0.25, "standard uncertainty of regions' offset_k", ge=0)
-    drift_sd_k_per_h: float = key(0.1, "drift between regions in the camera, one sigma", ge=0)
+    exchange_sd: float = key(0.15, "relative standard uncertainty of air.exchange_m_s", ge=0, le=1)
+    offset_sd_k: float = key(0.25, "standard uncertainty of regions' offset_k", ge=0, le=10)
+    drift_sd_k_per_h: float = key(0.1, "drift between regions in the camera, one sigma", ge=0, le=20)
     sky: Literal["isotropic", "hay-davies"] = key(
         "hay-davies", "distribution of diffuse light over the sky; not for paper"
     )
@@ -79,7 +81,7 @@ class EstimatorKeys:
         0.20, "albedo of the surroundings; not for paper, except on a tilted light meter", ge=0, lt=1
     )
     longwave_down_w_m2: float = key(
-        300.0, "downward longwave radiation, if not measured; learned: if the air is not either", ge=0
+        300.0, "downward longwave radiation, if not measured; learned: if the air is not either", ge=0, le=700
     )
     diffuse_fraction: float = key(0.15, "diffuse fraction, if not measured; not for paper", ge=0, lt=1)
     confidence: float = key(

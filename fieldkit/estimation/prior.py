@@ -6,12 +6,14 @@ A name with ``_log_sd`` is the standard deviation of the natural logarithm. Offs
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 from fieldkit.estimation.estimator_keys import STRICT, key
+
+SHARE, LOG, KELVIN, FLUX = ({"ge": 1e-4, "le": most} for most in (1.0, 3.0, 100.0, 1000.0))
+"""Limits of relative deviations, of those of logarithms, of temperatures, of fluxes and their exchange."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,76 +79,75 @@ class Prior:
     Raises
     ------
     ValueError
-        For a value that is not finite, a standard deviation or an exchange that is not positive, and a share
-        outside [0, 1].
+        For a value outside the limits of its key.
     """
 
     __pydantic_config__: ClassVar[Mapping[str, Any]] = STRICT
 
     gain_sd: float = key(
-        0.09, "relative, of absorbed direct light: class B meter (DIN 5032-7), albedo within 0.05", gt=0
+        0.09, "relative, of absorbed direct light: class B meter (DIN 5032-7), albedo within 0.05", **SHARE
     )
-    diffuse_sd: float = key(0.12, "relative, of measured diffuse light", gt=0)
+    diffuse_sd: float = key(0.12, "relative, of measured diffuse light", **SHARE)
     diffuse_unmeasured_sd: float = key(
-        0.4, "relative, of diffuse light as a fixed share: clear to hazy sky", gt=0
+        0.4, "relative, of diffuse light as a fixed share: clear to hazy sky", **SHARE
     )
     circumsolar_share: float = key(
         0.5, "circumsolar diffuse light: 0 isotropic, 1 Hay and Davies", ge=0, le=1
     )
-    circumsolar_sd: float = key(0.4, "of circumsolar_share", gt=0)
+    circumsolar_sd: float = key(0.4, "of circumsolar_share", **SHARE)
     brightening_share: float = key(
         0.3, "diffuse light around sun and horizon: 0 Hay and Davies, 1 Perez", ge=0, le=1
     )
-    brightening_sd: float = key(0.4, "of brightening_share", gt=0)
-    own_gain_sd: float = key(0.035, "relative, of one bed's absorbed light against the others'", gt=0)
+    brightening_sd: float = key(0.4, "of brightening_share", **SHARE)
+    own_gain_sd: float = key(0.035, "relative, of one bed's absorbed light against the others'", **SHARE)
     own_exchange: float = key(
-        0.04, "relative, lasting heat exchange of one bed; more where beds are seen to differ", gt=0
+        0.04, "relative, lasting heat exchange of one bed; more where beds are seen to differ", **SHARE
     )
-    own_inertia_sd: float = key(0.14, "relative, of one bed's thermal inertia against the others'", gt=0)
-    wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", gt=0)
-    wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", gt=0)
+    own_inertia_sd: float = key(0.14, "relative, of one bed's thermal inertia against the others'", **SHARE)
+    wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", **FLUX)
+    wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", **FLUX)
     longwave_sd_w_m2: float = key(
-        30.0, "of longwave, by formulas 20 to 30 (Flerchinger et al. 2009); 10 with a pyrgeometer", gt=0
+        30.0, "of longwave, by formulas 20 to 30 (Flerchinger et al. 2009); 10 with a pyrgeometer", **FLUX
     )
-    air_sd_k: float = key(0.7, "of a logged air temperature, at the beds", gt=0)
-    air_unlogged_sd_k: float = key(8.0, "of an air temperature that is not logged: the daily range", gt=0)
+    air_sd_k: float = key(0.7, "of a logged air temperature, at the beds", **KELVIN)
+    air_unlogged_sd_k: float = key(8.0, "of an air temperature that is not logged: the daily range", **KELVIN)
     exchange_w_m2_k: float = key(
-        15.0, "heat exchange with the air, median; measured ground: 3 + 1.8 times the wind in m/s", gt=0
+        15.0, "heat exchange with the air, median; measured ground: 3 + 1.8 times the wind in m/s", **FLUX
     )
-    exchange_log_sd: float = key(0.5, "of its logarithm: 90 % within 7 to 34", gt=0)
+    exchange_log_sd: float = key(0.5, "of its logarithm: 90 % within 7 to 34", **LOG)
     inertia_log_sd: float = key(
-        0.25, "of the logarithm of thermal inertia, around the slab's: 450 to 700 for dry sand", gt=0
+        0.25, "of the logarithm of thermal inertia, around the slab's: 450 to 700 for dry sand", **LOG
     )
-    depth_log_sd: float = key(0.5, "of the logarithm of depth, around the slab's", gt=0)
+    depth_log_sd: float = key(0.5, "of the logarithm of depth, around the slab's", **LOG)
     deep_share: float = key(0.2, "probability that heat reaches no bottom of the layer", ge=0, le=1)
     gust_sd_w_m2_k: float = key(
-        1.0, "gusts of the heat exchange, over 2 to 20 min; adapted to the data", gt=0
+        1.0, "gusts of the heat exchange, over 2 to 20 min; adapted to the data", **FLUX
     )
-    gust_log_sd: float = key(1.0, "of the logarithm of gust_sd_w_m2_k", gt=0)
-    slow_gust_sd: float = key(0.06, "relative, slow changes of the heat exchange over 60 min", gt=0)
-    common_flux_sd_w_m2: float = key(3.0, "unmodelled flux into all regions, over 40 min", gt=0)
+    gust_log_sd: float = key(1.0, "of the logarithm of gust_sd_w_m2_k", **LOG)
+    slow_gust_sd: float = key(0.06, "relative, slow changes of the heat exchange over 60 min", **SHARE)
+    common_flux_sd_w_m2: float = key(3.0, "unmodelled flux into all regions, over 40 min", **FLUX)
     own_slow_exchange: float = key(
-        0.06, "relative, heat exchange of one bed against the others, over 60 min", gt=0
+        0.06, "relative, heat exchange of one bed against the others, over 60 min", **SHARE
     )
     unrest_log_sd: float = key(
-        0.8, "of the logarithm of a factor on the three before, adapted to the data", gt=0
+        0.8, "of the logarithm of a factor on the three before, adapted to the data", **LOG
     )
-    past_flux_sd_w_m2: float = key(40.0, "net flux before the first minute, all regions", gt=0)
-    bed_past_flux_sd_w_m2: float = key(20.0, "net flux before the first minute, one bed", gt=0)
+    past_flux_sd_w_m2: float = key(40.0, "net flux before the first minute, all regions", **FLUX)
+    bed_past_flux_sd_w_m2: float = key(20.0, "net flux before the first minute, one bed", **FLUX)
     normal_horizontal_sd: float = key(
-        0.25, "each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees", gt=0
+        0.25, "each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees", **SHARE
     )
     beam_change_share: float = key(
-        0.1, "error of direct light while it changes, as a share of the change", gt=0
+        0.1, "error of direct light while it changes, as a share of the change", **SHARE
     )
-    camera_noise_k: float = key(0.1, "noise of the camera that all regions share, of a minute's mean", gt=0)
-    camera_offset_sd_k: float = key(1.0, "error of the camera that all regions share", gt=0)
-    probe_sd_k: float = key(0.5, "of a contact probe as the temperature of the bed's surface", gt=0)
+    camera_noise_k: float = key(
+        0.1, "noise of the camera that all regions share, of a minute's mean", **KELVIN
+    )
+    camera_offset_sd_k: float = key(1.0, "error of the camera that all regions share", **KELVIN)
+    probe_sd_k: float = key(0.5, "of a contact probe as the temperature of the bed's surface", **KELVIN)
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, is_share = getattr(self, field.name), "le" in field.metadata
-            if is_share and not 0.0 <= value <= 1.0:
-                raise ValueError(f"prior {field.name} must lie in [0, 1], not {value}")
-            if not is_share and not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"prior {field.name} must be finite and above 0, not {value}")
+            value, least, most = getattr(self, field.name), field.metadata["ge"], field.metadata["le"]
+            if not least <= value <= most:
+                raise ValueError(f"prior {field.name} must lie in [{least:g}, {most:g}], not {value}")

@@ -214,6 +214,12 @@ class Quantity:
         """Least and greatest value in the unit for people."""
         return self.shown.shown_value(self.limit.low), self.shown.shown_value(self.limit.high)
 
+    @property
+    def possible_limits(self) -> Range:
+        """Least and greatest end that limits may have: ten times as much, and only radiation below zero."""
+        least = -self.limit.high if self.units is POWER else 0.0
+        return self.shown.shown_value(least), self.shown.shown_value(10.0 * self.limit.high)
+
 
 def _component(
     name: str, words: str, limit: Limit, rare: Rare | None = None, station: str = "", jma: str = ""
