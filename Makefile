@@ -87,7 +87,7 @@ deb: dist
 sbom: $(VENV)/.release
 	rm -rf build/installed
 	$(RUN) -m venv build/installed
-	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,alarms,dask,page,pdf,terrain]'
+	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,alarms,dask,network,page,pdf,terrain]'
 	mkdir -p $(DIST)
 	$(VENV)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o $(DIST)/sbom.cdx.json build/installed
 

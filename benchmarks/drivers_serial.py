@@ -26,10 +26,10 @@ import serial
 from benchmarks.result import Result, Row
 from benchmarks.sides import share
 from fieldkit.drivers.decoding import Record
+from fieldkit.drivers.framing import CHUNK_BYTES
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
-from fieldkit.drivers.ports import CHUNK_BYTES
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings

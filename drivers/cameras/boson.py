@@ -27,9 +27,10 @@ from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import Decode, DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
+from fieldkit.drivers.framing import Line
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
-from fieldkit.drivers.ports import Line, SerialPort, serial_ports
+from fieldkit.drivers.ports import SerialPort, serial_ports
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError

@@ -24,7 +24,8 @@ from fieldkit.drivers.cameras.camera import DecodedFrame, summary
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
-from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, baud, open_port
+from fieldkit.drivers.framing import Line, Port
+from fieldkit.drivers.ports import SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -174,7 +175,7 @@ def _commands_for(settings: DeviceSettings) -> list[bytes]:
     return commands
 
 
-def _emissivity(port: SerialPort, clock: Clock) -> dict[str, float]:
+def _emissivity(port: Port, clock: Clock) -> dict[str, float]:
     """The emissivity that the module has applied; nothing for boards that print text."""
     port.write(command(ASK_EMISSIVITY))
     for left_s in time_left(clock, REPLY_S):

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 
 from fieldkit.drivers.decoding import Layout
-from fieldkit.drivers.ports import Port, Stamped
+from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError

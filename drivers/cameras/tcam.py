@@ -23,7 +23,7 @@ from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, skip_to
-from fieldkit.drivers.ports import Port
+from fieldkit.drivers.framing import Port
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings, FrameSource
 

@@ -65,9 +65,10 @@ from fieldkit.drivers.decoding import (
     decode_records,
     skip_to,
 )
+from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, open_port
+from fieldkit.drivers.ports import SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
@@ -212,7 +213,7 @@ def configured_model(settings: DeviceSettings) -> str:
     return str(settings.options.get("model", ""))
 
 
-def ask_model(port: SerialPort) -> str:
+def ask_model(port: Port) -> str:
     """The model by ``K``, empty for a sibling that does not support the request."""
     reply = port.read(MODEL, meter.REPLY_TIMEOUT_S, b"K")
     return reply.raw[:3].decode() if reply else ""

@@ -21,8 +21,9 @@ from operator import xor
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
+from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
+from fieldkit.drivers.ports import SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError

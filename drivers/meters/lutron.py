@@ -30,8 +30,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, skip_to
+from fieldkit.drivers.framing import Line, Port, Stamped
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, Port, SerialDriver, Stamped, open_port
+from fieldkit.drivers.ports import SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Channel, Layout
-from fieldkit.drivers.ports import Port, Stamped
+from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError

@@ -2,7 +2,9 @@
 
 The engine reads one block of registers in one request and stamps the answer; a register map
 defines what the registers mean (`RegisterMap`), packaged or the user's own TOML file. Frames:
-unit, function, byte count, registers big-endian, CRC-16 low byte first (Modbus over Serial Line 1.02).
+unit, function, byte count, registers big-endian, CRC-16 low byte first (Modbus over Serial Line 1.02). By
+Modbus TCP the same frame stands without its CRC behind a transaction number, two zero bytes and its length
+(Modbus Messaging on TCP/IP 1.0b).
 """
 
 from __future__ import annotations
@@ -20,9 +22,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from fieldkit.drivers import options
+from fieldkit.drivers.connections import is_address
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.framing import PARITIES, Line, Port
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import PARITIES, Line, Port, SerialDriver, baud, open_port
+from fieldkit.drivers.ports import SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
@@ -249,6 +253,11 @@ def _as_signed(register: int) -> int:
 LONGEST = 255
 HIGHEST_UNIT = 247
 REQUEST_LENGTH = 8
+TCP_PORT = 502
+"""Where Modbus TCP is at home; at other addresses an adapter passes on the frames of a serial line."""
+FRAMINGS = ("rtu", "tcp")
+_TRANSACTION = 1  # one request at a time needs no more
+_HEADER_LENGTH = 6
 REFUSALS = {
     1: "illegal function",
     2: "illegal address",
@@ -310,6 +319,28 @@ def parse(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes =
     return None if waits else Rejected(1, "the CRC does not fit")
 
 
+def pack_tcp(request: bytes) -> bytes:
+    """A request of `pack_request` as Modbus TCP has it."""
+    return struct.pack(">HHH", _TRANSACTION, 0, len(request) - 2) + request[:-2]
+
+
+def parse_tcp(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes = b"") -> Parsed:
+    """The Modbus TCP frame at the start of `buffer`; see `parse`."""
+    if len(buffer) < _HEADER_LENGTH:
+        return None
+    _, protocol, length = struct.unpack_from(">HHH", buffer)
+    if protocol or not 3 <= length < LONGEST:
+        return Rejected(1, "not a header of Modbus TCP")
+    end = _HEADER_LENGTH + length
+    if len(buffer) < end:
+        return None
+    frame = buffer[_HEADER_LENGTH:end]
+    parsed = parse(frame + crc16(frame).to_bytes(2, "little"), register_map, asked)
+    if parsed is None or parsed.length < length:  # its own length is another
+        return Rejected(end, parsed.reason if isinstance(parsed, Rejected) else "not a reply with registers")
+    return parsed._replace(length=end)
+
+
 def _is_whole(frame: bytes) -> bool:
     return crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little")
 
@@ -344,31 +375,34 @@ def _reply(frame: bytes, register_map: RegisterMap | None, asked: bytes) -> Pars
     return Record.of(len(frame), register_map.values(registers), note)
 
 
-def layout(register_map: RegisterMap | None, request: bytes = b"") -> Layout:
+def layout(register_map: RegisterMap | None, request: bytes = b"", framing: str = "rtu") -> Layout:
     """The layout of replies, those to `request` alone if it is given; with a map, what they mean."""
-    return Layout(partial(parse, register_map=register_map, asked=request[:2]), LONGEST)
+    parser, longest = (parse_tcp, LONGEST + _HEADER_LENGTH) if framing == "tcp" else (parse, LONGEST)
+    return Layout(partial(parser, register_map=register_map, asked=request[:2]), longest)
 
 
 class Modbus(SerialDriver):
-    """Driver of Modbus RTU instruments.
+    """Driver of Modbus instruments.
 
     Options: `map` (a packaged map or a TOML file), `unit` (the instrument's number, 1), `baud` and `parity`
-    where they are not the map's, and those of every meter.
+    where they are not the map's, `framing` (``rtu``, or ``tcp`` for Modbus TCP: usual at port 502), and those
+    of every meter.
     """
 
     name = "modbus"
-    title = "Modbus RTU instrument by register map"
+    title = "Modbus RTU or TCP instrument by register map"
     quantity = "irradiance"
-    options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity")
+    options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity", "framing")
     needs: Mapping[str, Sequence[str]] = {"map": packaged_maps()}
     caveat = f"any adapter; needs map = {' | '.join(packaged_maps())}"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. Option `map`; without it raw registers."""
         name = options.get("map")
-        decoded = decode_records(data, layout(load_map(str(name)) if name else None))
+        framing = str(options.get("framing", "rtu"))
+        decoded = decode_records(data, layout(load_map(str(name)) if name else None, framing=framing))
         rest = data[len(data) - decoded.rest :]
-        if len(rest) < 7 or rest[2] % 2 or len(rest) != 5 + rest[2]:
+        if framing == "tcp" or len(rest) < 7 or rest[2] % 2 or len(rest) != 5 + rest[2]:
             return decoded
         # as long as a reply declares, and shorter than the request that a port would wait for
         damaged = Rejected(len(rest), "the CRC does not fit", len(data) - len(rest))
@@ -384,9 +418,11 @@ class Modbus(SerialDriver):
                 fix=f"map = one of {', '.join(packaged_maps())}, or a file",
             )
         register_map = load_map(name)
-        request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)
+        function, framing = register_map.function, _framing(settings)
+        request = pack_request(_unit(settings), function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
-        replies = layout(register_map, request)
+        replies = layout(register_map, request, framing)
+        request = _framed(request, framing)
         meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         meaning = meaning_of(register_map.unit, register_map.quantity)
@@ -403,13 +439,23 @@ def _unit(settings: DeviceSettings) -> int:
     return options.whole(settings, "unit", 1, (1, HIGHEST_UNIT))
 
 
+def _framing(settings: DeviceSettings) -> str:
+    is_tcp = is_address(settings.port) and settings.port.rstrip("/").endswith(f":{TCP_PORT}")
+    return options.text(settings, "framing", "tcp" if is_tcp else "rtu", FRAMINGS)
+
+
+def _framed(request: bytes, framing: str) -> bytes:
+    return pack_tcp(request) if framing == "tcp" else request
+
+
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
     """Quantity that the instrument measures, by its map or its type; empty where neither is known."""
     if register_map.type_register is None:
         return register_map.measures.get("", "")
+    framing = _framing(settings)
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
-    replies = layout(None, request)
-    reply = port.read(replies, meter.REPLY_TIMEOUT_S, request)
+    replies = layout(None, request, framing)
+    reply = port.read(replies, meter.REPLY_TIMEOUT_S, _framed(request, framing))
     while reply is not None and not reply.record.numbers:  # some adapters echo the request
         reply = port.read(replies, meter.REPLY_TIMEOUT_S)
     return "" if reply is None else register_map.measures.get(f"{reply.record.numbers[0]:.0f}", "")

@@ -18,8 +18,9 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
+from fieldkit.drivers.ports import SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality

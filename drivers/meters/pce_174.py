@@ -26,8 +26,9 @@ from __future__ import annotations
 import math
 
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
+from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, open_port
+from fieldkit.drivers.ports import SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality

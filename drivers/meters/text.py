@@ -31,10 +31,11 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, Port, SerialDriver, baud, open_port
+from fieldkit.drivers.ports import SerialDriver, baud, open_port
 from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings

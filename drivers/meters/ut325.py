@@ -24,10 +24,10 @@ import math
 import re
 
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
+from fieldkit.drivers.framing import Framer, Line, Stamped
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.opening import close_on_failure
-from fieldkit.drivers.ports import Framer, Line, Stamped
 from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice

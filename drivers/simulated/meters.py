@@ -22,7 +22,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.drivers.ports import Line
+from fieldkit.drivers.framing import Line
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.device import DeviceSettings

@@ -103,7 +103,10 @@ class DeviceTable(Table):
         min_length=1,
         description="name of the driver, as `fieldkit devices` prints it",
     )
-    port: str = Field(default="", description="its port, such as /dev/ttyUSB0, or simulated")
+    port: str = Field(
+        default="",
+        description="its port, such as /dev/ttyUSB0, its address, such as 10.0.0.5:4001, or simulated",
+    )
     identity: str = Field(default="", description="`vendor:product[:serial][-interface]` or a USB path")
     connect_timeout_s: float = Field(
         default=30.0, gt=0, le=3600, description="seconds after which opening the instrument is given up"

@@ -30,10 +30,10 @@ from fieldkit.drivers.cameras import (
 from fieldkit.drivers.cameras.boson import pack, unpack
 from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.framing import Framer
 from fieldkit.drivers.meters import center, lutron, text
 from fieldkit.drivers.meters.board_sensors import SENSORS
 from fieldkit.drivers.meters.modbus import packaged_maps
-from fieldkit.drivers.ports import Framer
 from fieldkit.drivers.registry import BUILT_IN
 from fieldkit.model.errors import DecodeError
 

@@ -3,8 +3,9 @@
 import re
 
 from fieldkit.drivers.decoding import Layout, Record, Rejected, Value
+from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, open_port
+from fieldkit.drivers.ports import SerialDriver, open_port
 
 LINE = Line(9600)
 RECORD = re.compile(rb"LUX (\d{1,6})\r?")

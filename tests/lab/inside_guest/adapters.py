@@ -8,7 +8,8 @@ from pathlib import Path
 import usb.core
 import usb.util
 
-from fieldkit.drivers.ports import Line, SerialPort
+from fieldkit.drivers.framing import Line
+from fieldkit.drivers.ports import SerialPort
 from fieldkit.model.clock import HostClock
 
 GET_LATENCY_TIMER = 0x0A

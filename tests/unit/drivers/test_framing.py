@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fieldkit.drivers.framing import Framer, Line
 from fieldkit.drivers.meters import text
 from fieldkit.drivers.meters.lutron import LAYOUT
-from fieldkit.drivers.ports import Framer, Line
 from fieldkit.model.clock import HostClock
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")

@@ -10,9 +10,10 @@ import pytest
 
 from fieldkit.drivers import identity, ports
 from fieldkit.drivers.connections import SocketPort
+from fieldkit.drivers.framing import Line, Stamped
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
-from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open_port
+from fieldkit.drivers.ports import SerialPort, open_failure, open_port
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError

@@ -4,8 +4,8 @@ import time
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.framing import Framer
 from fieldkit.drivers.meters.text import Grammar, Text, _first_values
-from fieldkit.drivers.ports import Framer
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
