@@ -40,7 +40,15 @@ from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
-from fieldkit.model.quantities import POWER, Quantity, meaning_of, suffix_unit, unknown_meaning
+from fieldkit.model.quantities import (
+    OTHER_UNITS,
+    POWER,
+    Quantity,
+    meaning_of,
+    split_label,
+    unit_of,
+    unknown_meaning,
+)
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
@@ -57,12 +65,8 @@ _BEFORE = re.compile(rf"^\s*{_FIELD.pattern}")
 _KEY = re.compile(
     r"(?<![^\s,;|])((?:[^\W\d]|[(\[%])[^\s=:,;|]*|[^\W\d][^\s=:,;|]* \d+(?=\s*=|:\s))\s*[=:](?!//)"
 )
-_OTHER_UNITS = frozenset(
-    ["bar", "mbar", "pa", "hpa", "kpa", "ppm", "ppb", "db", "hz", "rpm", "v", "mv", "a", "ma", "w", "mw"]
-)
 _NAME = re.compile(r"[^\W\d][\w .°%µ²/^()\[\]-]{0,31}")
 _SEPARATOR = re.compile(r"[,;|\t]")
-_BRACKET = re.compile(r"\s*[(\[]([^()\[\]]+)[)\]]$")
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
 _TIME = r"\d\d?:\d\d(?::\d\d(?:\.\d+)?)?(?:Z|[+-]\d\d:\d\d| ?[AP]M\b)?"
@@ -268,8 +272,8 @@ def _value_and_rest(text: str, *, is_last: bool) -> tuple[str, str]:
         word, _, rest = (text, "", "") if is_last else text.partition(" ")
         return word, rest
     unit, rest = match[2] or "", text[match.end() :]
-    is_unit = not unit.isalpha() or not text[match.end(1)].isspace() or unit.lower() in _OTHER_UNITS
-    if not (is_unit or _is_unit(unit) or (is_last and not rest)):
+    is_behind = not unit.isalpha() or not text[match.end(1)].isspace() or unit.lower() in OTHER_UNITS
+    if not (is_behind or unit_of(unit) or (is_last and not rest)):
         unit, rest = "", text[match.end(1) :]
     if rest[:1].strip() or (not unit and rest.strip()[:1].isdigit()):  # 12:30, or 12 345
         return text, ""
@@ -319,13 +323,8 @@ def _is_unit(text: str) -> bool:
 
 def _name_and_unit(name: str) -> tuple[str, str]:
     """A channel's name without a unit in brackets, and the unit that the name states, if any."""
-    bracket = _BRACKET.search(name)
-    if bracket and _is_unit(bracket[1]):
-        return name[: bracket.start()].strip() or name, _unit(bracket[1])
-    suffix = suffix_unit(name)
-    word = re.split(r"[_.]|(?<=[a-z])(?=[A-Z])|(?=°)", name)[-1]  # temp_c, sky.lux, tempC, T°C
-    is_unit = _is_unit(word) and (word != name or len(word) > 1)
-    return name, suffix.shown if suffix else (_unit(word) if is_unit else "")
+    bare, unit = split_label(name)
+    return bare if "(" in name or "[" in name else name, _unit(unit) if _is_unit(unit) else ""
 
 
 def header(notes: Sequence[str]) -> tuple[str, ...]:

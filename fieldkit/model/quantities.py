@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 from unicodedata import normalize
 
+from fieldkit.model.component_names import component_named
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ FOOT2_M2 = 0.09290304
 class Unit(NamedTuple):
     """A unit as it is written: a number in it becomes ``(number + add) / by`` in the stream's unit.
 
-    `spellings` are in small letters, without blanks and dots; `suffix` ends keys and columns (``_w_m2``),
-    `short_cut` the names of Campbell Scientific's Short Cut, as ``T109_C``.
+    `spellings` are others than `shown`, as `_plain` leaves them; `suffix` ends keys (``_w_m2``), `short_cut`
+    the names of Campbell Scientific's Short Cut, as ``T109_C``.
     """
 
     shown: str
@@ -80,31 +81,52 @@ def _units(stored: str, device_class: str, *written: Unit) -> Units:
 TEMPERATURE = _units(
     "K",
     "temperature",
-    Unit("°C", "c degc degreec degreesc celsius", CELSIUS_ZERO_K, suffix="c", short_cut=("AirTC", "_C")),
-    Unit("K", "°k kelvin", suffix="k"),
-    Unit("°F", "f degf degreef degreesf fahrenheit", *FAHRENHEIT_TO_K, "f", ("AirTF", "_F")),
+    Unit("°C", "centigrade celsius", CELSIUS_ZERO_K, suffix="c", short_cut=("AirTC", "_C")),
+    Unit("K", "kelvin", suffix="k"),
+    Unit("°F", "fahrenheit", *FAHRENHEIT_TO_K, "f", ("AirTF", "_F")),
 )
 LIGHT = _units(
     "lx",
     "illuminance",
-    Unit("lx", "lux", suffix="lx"),
+    Unit("lx", "lux lm/m2 lumen/m2 lumens/m2", suffix="lx"),
     Unit("klx", "klux kilolux", by=1e-3),
-    Unit("fc", "ftc ft-cd foot-candle foot-candles", by=FOOT2_M2),
+    Unit("fc", "ftc ftcd ft-cd foot-candle foot-candles footcandle footcandles lm/ft2", by=FOOT2_M2),
 )
 POWER = _units(
     "W m-2",
     "irradiance",
-    Unit("W/m²", "wm-2", suffix="w_m2", short_cut=("SlrW",)),
-    Unit("kW/m²", "kwm-2", by=1e-3, short_cut=("SlrkW",)),
-    Unit("mW/cm²", "mwcm-2", by=0.1),
-    Unit("µW/cm²", "uw/cm2 μwcm-2 uwcm-2", by=100.0),
+    Unit("W/m²", suffix="w_m2", short_cut=("SlrW",)),
+    Unit("kW/m²", by=1e-3, short_cut=("SlrkW",)),
+    Unit("mW/cm²", by=0.1),
+    Unit("µW/cm²", by=100.0),
 )
-SPEED = _units("m s-1", "wind_speed", Unit("m/s", "ms-1 meters/second", suffix="m_s", short_cut=("_ms",)))
+SPEED = _units(
+    "m s-1",
+    "wind_speed",
+    Unit("m/s", "ms-1 m/sec meters/second", suffix="m_s", short_cut=("_ms",)),
+    Unit("km/h", "kmh-1 kmh kph km/hr", by=3.6),
+    Unit("mph", "mi/h miles/hour", by=1.0 / 0.44704),
+    Unit("kn", "kt kts knot knots", by=3600.0 / 1852.0),
+)
 ANGLE = _units("degree", "wind_direction", Unit("°", "deg degree degrees"))
 PRESSURE = _units(
-    "Pa", "atmospheric_pressure", Unit("hPa", "mbar", by=0.01), Unit("Pa"), Unit("kPa", by=1e-3)
+    "Pa",
+    "atmospheric_pressure",
+    Unit("hPa", "mbar mb", by=0.01),
+    Unit("Pa"),
+    Unit("kPa", by=1e-3),
+    Unit("inHg", by=1.0 / 3386.389),
+    Unit("mmHg", by=1.0 / 133.3224),
 )
 WATER = _units("m3 m-3", "", Unit("m³/m³", "m3m-3", suffix="m3_m3"), Unit("%", "%vol vol%", by=100.0))
+OTHER_UNITS = frozenset(
+    re.findall(
+        r"\S+",
+        "% %rh rh% pct percent bar v mv a ma w mw kw ppm ppb db dbm hz khz rpm ohm kohm mm mm/h mm/hr ug/m3"
+        " us/cm j/m2 kj/m2 mj/m2 j/cm2 wh/m2 kwh/m2 umol/m2/s umolm-2s-1",
+    )
+)
+"""Units that no row has, as `_plain` leaves them: a column that states one is of another quantity."""
 
 
 class Limit(NamedTuple):
@@ -195,9 +217,9 @@ class Quantity:
     of_jma: str = ""
     is_angle: bool = False
 
-    def is_named(self, word: str) -> bool:
-        """True if a label in small letters, without its unit, means it."""
-        return bool(self.names) and word in (self.name, *self.names.split())
+    def is_named(self, label: str) -> bool:
+        """True if a label, with or without its unit, means it."""
+        return bool(self.names) and _plain_label(label) in (self.name, *self.names.split())
 
     @property
     def limits_key(self) -> str:
@@ -236,7 +258,8 @@ _ROWS = (
     ),
     Quantity(  # -89.2 degC, Vostok 1983, WMO; 350 K, BSRN: housings in the sun
         "air_temperature", TEMPERATURE, "air", Limit(183.9, 350.0), _COLD,
-        names="air t_air tair air_t air_temp temp_air airtc", of_station="air", of_jma="気温",
+        names="air t_air tair air_t air_temp temp_air airtc temperature_2m t2m", of_station="air",
+        of_jma="気温",
     ),
     Quantity("illuminance", LIGHT, "illuminance, less at night", _ILLUMINANCE),
     # also net radiation
@@ -256,7 +279,7 @@ _ROWS = (
     _component("longwave_up", "upward longwave", Limit(40.0, 900.0), None, "longwave-up"),
     Quantity("speed", SPEED, key="wind_speed"),
     Quantity(  # gust of 113.2 m/s, Barrow Island 1996, WMO
-        "wind_speed", SPEED, "wind speed", Limit(0.0, 113.3), names="wind windspeed ws",
+        "wind_speed", SPEED, "wind speed", Limit(0.0, 113.3), names="wind windspeed ws wind_speed_10m ws10m",
         of_station="wind", of_jma="風速",
     ),
     Quantity("wind_direction", ANGLE, names="winddir wind_dir wd wdir", is_angle=True),
@@ -274,17 +297,33 @@ BY_UNIT: Mapping[str, Quantity] = {row.units.stored: row for row in reversed(_RO
 """Quantity of a stream of which the unit alone is known."""
 
 
+_SIGNS = str.maketrans({"º": "°", "˚": "°", "\ufffd": "°", "Â": "", "\u0421": "C", "$": ""})
+_DEGREES = re.compile(
+    r"^(?:degrees?|degs?|grad|[°'o?]|&deg;)_?(?=(?:[cfk]|celsius|centigrade|fahrenheit|kelvin)$)"
+)
+_PER_AREA = re.compile(r"^([kmu]?w|lm|[mk]?j|k?wh)[/_]?(c?m)(?:2|-2|qm)$")
+
+
 def _plain(written: str) -> str:
-    return re.sub(r"[ ^*_.]", "", normalize("NFKC", written.replace("º", "°")).lower())
+    """A unit as it is compared: ``W·m⁻²`` is ``w/m2``, ``° C``, ``(*C)``, ``deg. C`` and ``oC`` are ``c``."""
+    text = (
+        normalize("NFKC", written.translate(_SIGNS))
+        .lower()
+        .translate({0x2212: "-", 0x3BC: "u"})
+        .replace("micro", "u")
+    )
+    text = re.sub(r"[\s^*.·•⋅∙(){}\[\]]", "", text).strip("_")
+    text = re.sub(r"square-?met(?:er|re)s?|sq-?met(?:er|re)s?|sqm|(?<=/)qm", "m2", text)
+    text = re.sub(r"watts?(?=/|per|m)", "w", text).replace("perm2", "/m2").replace("percm2", "/cm2")
+    return _PER_AREA.sub(r"\1/\g<2>2", _DEGREES.sub("", re.sub(r"^([cf])°$", r"\1", text)))
 
 
 _SPELLINGS: dict[str, list[tuple[Quantity, Unit]]] = {}
 for _row in _ROWS:
     for _unit in _row.units.written:
-        for _spelling in (_unit.shown, *_unit.spellings.split()):
-            _SPELLINGS.setdefault(_plain(_spelling), []).append((_row, _unit))
-_SUFFIXES = {f"_{unit.suffix}": unit for row in _ROWS for unit in row.units.written if unit.suffix}
-_LABEL_END = re.compile(rf"(_avg|_ms|{'|'.join(_SUFFIXES)})+$")
+        for _spelling in dict.fromkeys((_unit.shown, _unit.suffix, *_unit.spellings.split())):
+            if _spelling:
+                _SPELLINGS.setdefault(_plain(_spelling), []).append((_row, _unit))
 
 
 class Meaning(NamedTuple):
@@ -338,17 +377,54 @@ def quantity_named(label: str, stored: str) -> str:
 
     Other labels are ambiguous: ``sun`` or ``pyranometer 2`` may be of any plane, a thermometer anywhere.
     """
-    word = _plain_label(label)
-    return next((row.name for row in _ROWS if row.units.stored == stored and row.is_named(word)), "")
+    if stored == POWER.stored:
+        return component_named(label)
+    return next((row.name for row in _ROWS if row.units.stored == stored and row.is_named(label)), "")
+
+
+# --- labels of columns and channels
+
+_BEFORE_UNIT = re.compile(
+    r"\s*[-–—,;]\s+|\s*[/|:.]\s*|\s+in\s+|[\s_-]+|(?<=[a-z0-9)])(?=[A-Z%µ])|(?=[°º˚℃℉])"
+)
+_STATISTIC = re.compile(r"(?<=.)[ _](?:avg|average|mean|min|max|std|smp)$", re.IGNORECASE)
+_BRACKETS = re.compile(r"\s*[,:/-]?\s*(?:\[([^\[\]]+)\]|\(([^()]+)\)|\{([^{}]+)\})")
+_OF_TEMPERATURE = re.compile(r"temp|tmp|dew|bulb|^t[^c\W]?\d*$", re.IGNORECASE)
+
+
+def split_label(label: str) -> tuple[str, str]:
+    """Name and unit of a label: ``T1 [C]``, ``light (lx)``, ``Temp - °C``, ``temp_c``, ``tempC``; else "".
+
+    A letter alone is a unit where it cannot be the letter of a sensor: ``Temp C``, and not ``Sensor C``.
+    """
+    for bracket in _BRACKETS.finditer(label):
+        unit = next(filter(None, bracket.groups())).strip()
+        name = (label[: bracket.start()] + label[bracket.end() :]).strip()
+        if is_unit(unit) and name:
+            return name, unit
+    if is_unit(label) and len(label) > 1:
+        return label, label
+    name = _STATISTIC.sub("", label)
+    for mark in _BEFORE_UNIT.finditer(name):
+        before, unit = name[: mark.start()], name[mark.end() :]
+        may_be_letter = unit.isalpha() and len(unit) == 1 and mark[0].strip() in ("", "_", "-")
+        if before and is_unit(unit) and not (may_be_letter and _is_of_a_series(before, mark[0], unit)):
+            return before, unit
+    return label, ""
+
+
+def _is_of_a_series(name: str, mark: str, letter: str) -> bool:
+    return not (mark == "_" and letter in "CFcf") and _OF_TEMPERATURE.search(name) is None
+
+
+def is_unit(written: str) -> bool:
+    """True for a unit that is known, though a quantity may have no row."""
+    return unit_of(written) is not None or (len(written) > 1 and _plain(written) in OTHER_UNITS)
 
 
 def _plain_label(label: str) -> str:
-    return _LABEL_END.sub("", re.sub("[ -]", "_", label.strip().lower()))
-
-
-def suffix_unit(name: str) -> Unit | None:
-    """The unit at the end of a key or column, such as ``_w_m2``."""
-    return next((unit for suffix, unit in _SUFFIXES.items() if name.lower().endswith(suffix)), None)
+    words = re.sub("[ -]", "_", _STATISTIC.sub("", split_label(label.strip())[0]).lower())
+    return words.removesuffix("_ms")
 
 
 def short_cut_unit(name: str) -> str:

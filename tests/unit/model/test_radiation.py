@@ -21,7 +21,7 @@ def test_configuration_stands_above_what_a_stream_declares():
     ("labels", "expected"),
     [
         (["GHI_Avg", "dhi_w_m2", "cell"], ("ghi", "dhi", "")),
-        (["sun", "radiation", "global"], ()),
+        (["sun", "radiation", "pyranometer 2"], ()),
         (["longwave_down"], ("longwave_down",)),
     ],
 )

@@ -248,7 +248,7 @@ def test_stream_is_added_beside_an_old_session(tmp_path):
 # Layout: Campbell Scientific, LoggerNet manual, "Computer File Data Formats: TOA5"
 TOA5 = """\
 "TOA5","Tower","CR1000","12216","CR1000.Std.31.08","CPU:tower.CR1","3076","Minute"
-"TIMESTAMP","RECORD","Batt_Min","Tair_Avg","Tsand_Avg","SWin_Avg"
+"TIMESTAMP","RECORD","Batt_Min","Tair_Avg","Tsand_Avg","Sun_Avg"
 "TS","RN","Volts","Deg C","DegC","W/m^2"
 "","","Min","Avg","Avg","Avg"
 "2026-05-12 10:01:00",17,12.6,20.5,31.25,812.5
@@ -269,7 +269,7 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path):
     imported = read(tmp_path, TOA5, zone=DENVER)
     assert {info.name: info.channels for info in imported.streams} == {
         "log-temperature": ("Tair_Avg", "Tsand_Avg"),
-        "log-irradiance": ("SWin_Avg",),
+        "log-irradiance": ("Sun_Avg",),
         "log-unknown": ("Batt_Min",),
     }
     first, second = readings(imported, "log-temperature")
@@ -277,7 +277,7 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path):
     assert first.values == (293.65, 304.4)
     assert np.isnan(second.values[0])
     assert " 60 s" in notes(imported)
-    sun = read(tmp_path, TOA5, zone=DENVER, columns=("SWin_Avg",))
+    sun = read(tmp_path, TOA5, zone=DENVER, columns=("Sun_Avg",))
     assert values(sun) == [(812.5,), (813.0,)]
     assert (sun.streams[0].unit, sun.streams[0].quantity) == ("W m-2", "irradiance")
     heads = [column.head for column in read_table(tmp_path / "log.csv").columns]
@@ -285,21 +285,21 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path):
 
 
 def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path):
-    sun = {"zone": DENVER, "columns": ("SWin_Avg",)}
+    sun = {"zone": DENVER, "columns": ("Sun_Avg",)}
     unknown = read(tmp_path, TOA5, "sun", **sun)
     assert unknown.streams[0].measures == ()
     warnings = [text for severity, text in unknown.notes if severity is Severity.WARNING]
     assert any("ghi" in text and "irradiance.measures.sun" in text for text in warnings)
     stated = read(tmp_path, TOA5, **sun, measures="ghi")
     assert stated.streams[0].measures == ("ghi",)
-    named = read(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"), zone=DENVER, columns=("DNI_Avg",))
+    named = read(tmp_path, TOA5.replace("Sun_Avg", "DNI_Avg"), zone=DENVER, columns=("DNI_Avg",))
     assert named.streams[0].measures == ("dni",)
     assert "ghi" not in notes(stated) + notes(named)
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path):
     text = TOA5.replace('"Avg"', '"Smp"')
-    assert "interval" not in notes(read(tmp_path, text, zone=DENVER, columns=("SWin_Avg",)))
+    assert "interval" not in notes(read(tmp_path, text, zone=DENVER, columns=("Sun_Avg",)))
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
@@ -392,7 +392,7 @@ def test_an_encoding_that_is_none_is_named(tmp_path):
 
 
 def test_one_import_takes_columns_of_every_unit(tmp_path):
-    text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s],gust [km/h]\n"
+    text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s],gust [Bft]\n"
     rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3,9\n2026-05-12T10:00:00,21.5,68,63.986,850,2,8\n"
     imported = read(tmp_path, text + rows)
     assert {info.name: (info.quantity, info.unit, info.channels) for info in imported.streams} == {
@@ -400,7 +400,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
         "log-illuminance": ("illuminance", "lx", ("light",)),
         "log-irradiance": ("irradiance", "W m-2", ("dni",)),
         "log-speed": ("speed", "m s-1", ("wind",)),
-        "log-unknown": ("unknown", "km/h", ("gust",)),
+        "log-unknown": ("unknown", "Bft", ("gust",)),
     }
     assert imported.streams[2].measures == ("dni",)
     first, second = values(imported, "log-temperature")
@@ -415,12 +415,12 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
     times = [reading.time_ns for reading in imported.samples]
     assert times == sorted(times)
     assert imported.notes[0][1] == "log.csv: 2 rows"
-    assert "gust [km/h]" in notes(imported)
+    assert "gust [Bft]" in notes(imported)
 
 
 def test_a_column_named_by_hand_in_an_unknown_unit_is_stored_as_it_came(tmp_path):
-    imported = read(tmp_path, minutes("wind [mph],T [C]", "3,21"), columns=("wind",))
-    assert [(info.quantity, info.unit) for info in imported.streams] == [("unknown", "mph")]
+    imported = read(tmp_path, minutes("wind [Bft],T [C]", "3,21"), columns=("wind",))
+    assert [(info.quantity, info.unit) for info in imported.streams] == [("unknown", "Bft")]
     assert air_quantities(imported.streams[0]) == ("",)
     assert values(imported) == [(3.0,)]
 
