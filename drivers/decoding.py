@@ -105,6 +105,11 @@ class Decoded:
     rest: int = 0
     notes: tuple[str, ...] = ()
 
+    @property
+    def refused(self) -> int:
+        """Number of bytes in rejected parts."""
+        return sum(part.length for part in self.rejected)
+
 
 @runtime_checkable
 class Decodes(Protocol):

@@ -79,7 +79,8 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             unit="°C",
             value=f"C = {_NUMBER}",
             failure=r"Thermocouple fault\(s\) detected!",
-            others=rf"Internal Temp = {_NUMBER}|F = {_NUMBER}|FAULT: Thermocouple is .*",
+            others=rf"Internal Temp = {_NUMBER}|F = {_NUMBER}|FAULT: Thermocouple is .*|MAX\d+ test"
+            r"|Initializing sensor\.\.\.DONE\.",
             options={"baud": 9600},
         ),
         # adafruit/Adafruit_MCP9600 examples/mcp9600_test
@@ -88,6 +89,15 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             unit="°C",
             value=f"Hot Junction: {_NUMBER}",
             others=rf"Cold Junction: {_NUMBER}|ADC: -?\d+ uV",
+            options={"baud": 115_200},
+        ),
+        # adafruit/Adafruit_MAX31856 examples/max31856_oneshot and others
+        "max31856": Sensor(
+            channel="T1",
+            unit="°C",
+            value=f"(?:Thermocouple|Continuous) Temp: {_NUMBER}",
+            failure=".* Fault",
+            others=rf"Cold Junction Temp: {_NUMBER}|MAX31856 thermocouple test|Thermocouple type: .*",
             options={"baud": 115_200},
         ),
         # milesburton/Arduino-Temperature-Control-Library examples/Simple and /Single; -127 is
@@ -117,6 +127,25 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             value=f"Temperature: {_NUMBER} degrees C",
             others=rf"Humidity: {_NUMBER}% rH|Read duration \(ms\): \d+",
             options={"baud": 115_200},
+        ),
+        # adafruit/Adafruit_SCD30 examples/adafruit_scd30_test
+        "scd30": Sensor(
+            channel="air",
+            unit="°C",
+            value=f"Temperature: {_NUMBER} degrees C",
+            failure="Error reading sensor data",
+            others=rf"Relative Humidity: {_NUMBER} %|e?CO2: {_NUMBER} ppm|Data available!|.*SCD30 .*"
+            r"|Measurement Interval: \d+ seconds",
+            options={"baud": 115_200},
+        ),
+        # adafruit/Adafruit_BME280_Library examples/bme280test
+        "bme280": Sensor(
+            channel="air",
+            unit="°C",
+            value=f"Temperature = {_NUMBER} (?:[*]|°)C",
+            others=rf"Pressure = {_NUMBER} hPa|Approx\. Altitude = {_NUMBER} m|Humidity = {_NUMBER} %"
+            r"|BME280 test|-- Default Test --",
+            options={"baud": 9600},
         ),
     }
 )

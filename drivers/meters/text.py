@@ -6,10 +6,15 @@ There is no standard; this is fieldkit's. A line ends with LF, CR LF or CR and i
   ``Light: 54612.5 lx``, ``Temp(C): 23.1``
 * values separated by commas, semicolons, tabs or spaces, named by a header line (``ms,temp_c,lux``) or by
   the option `columns`; a name may end in its unit: ``_c``, ``_f``, ``_k``, ``_lx``, ``_w_m2``, ``(C)``
-* a JSON object or array: ``{"temp_c": 21.56, "sky": {"lux": 98760}}`` gives ``temp_c`` and ``sky.lux``
+* names with values and known units, without a sign between: ``Ambient 24.1 C, Object 31.5 C``
+* a JSON object or array, also behind words: ``{"temp_c": 21.56, "sky": {"lux": 98760}}`` gives ``temp_c`` and
+  ``sky.lux``; or a tuple, ``(21.56, 98760)``
+* a state in a log of ESPHome, whose other lines are notes: ``[D][sensor:093]: 'Bed': Sending state 21.5 °C``
+* a variable of Teleplot with one value: ``>T1:21.56``, ``>T1:1627551892437:21.56§C``
 * a comment, beginning with ``#``
 
-A time at the beginning of a line is skipped. Any other line (``LUX 980.2`` without a sign between name and
+A time at the beginning of a line is skipped. A decimal comma is read where nothing else can be meant:
+``21,5;98760,0``, ``T=21,5 C``. Any other line (``LUX 980.2`` without a sign between name and
 value, a checksum at the end) is another format and needs a driver of its own.
 
 A field that is not a number is no value of its channel alone: ``nan``, ``OL``, ``---``, an empty field,
@@ -31,7 +36,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
-from fieldkit.drivers.framing import Line, Port
+from fieldkit.drivers.framing import Line, Port, Stamped
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.options import decoding_settings
@@ -39,7 +44,7 @@ from fieldkit.drivers.ports import SerialDriver, baud, open_port
 from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DecodeError
+from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.quantities import (
     OTHER_UNITS,
     POWER,
@@ -63,19 +68,28 @@ _UNIT = r"(?:deg(?:ree)?s?\.? ?)?[^\s\d,;|=:+.-][^\s,;|=:]{0,11}(?: m-2)?"
 _FIELD = re.compile(rf"({_DIGITS})\s*({_UNIT})?")
 _BEFORE = re.compile(rf"^\s*{_FIELD.pattern}")
 _KEY = re.compile(
-    r"(?<![^\s,;|])((?:[^\W\d]|[(\[%])[^\s=:,;|]*|[^\W\d][^\s=:,;|]* \d+(?=\s*=|:\s))\s*[=:](?!//)"
+    r"(?<![^\s,;|])((?:[^\W\d]|[(\[%*°º])[^\s=:,;|]*|[^\W\d][^\s=:,;|]* \d+(?=\s*=|:\s))\s*[=:](?!//)"
 )
-_NAME = re.compile(r"[^\W\d][\w .°%µ²/^()\[\]-]{0,31}")
+_NAME = re.compile(r"[^\W\d][\w .*°%µ²/^()\[\]-]{0,31}")
+_NAMED = re.compile(rf"([^\W\d].*?)\s+{_FIELD.pattern}")
+_COMMA = re.compile(r"(?<![\w.,])([+-]?\d+),(\d+)(?![\d.,])")
+_COLOUR = re.compile(rb"\x1b\[[\d;]*m")
+_LOG = re.compile(r"(?:\[[\d:.]+\])?\[[A-Z]+\]\[[\w.]+(?::\w+)?\]:\s*(.*)")
+_STATE = re.compile(
+    r"'(.+)'(?:: Sending state| >>) (\S+)(?: (?!with \d)(.+?))?(?: with \d+ decimals of accuracy)?"
+)
+_VARIABLE = re.compile(r">([^\W\d][^:|§]*):(?:\d{10,}:)?([^:;|§]+)(?:§([^|]*))?(?:\|.*)?")
 _SEPARATOR = re.compile(r"[,;|\t]")
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
 _TIME = r"\d\d?:\d\d(?::\d\d(?:\.\d+)?)?(?:Z|[+-]\d\d:\d\d| ?[AP]M\b)?"
 _STAMP = re.compile(rf"[\[(]?(?:{_DAY}(?:[T ,;\t]\s*{_TIME})?|{_TIME})[\])]?\s*(?:[-=]>|[,;|]|[:-]\s)?\s*")
-_NOT_ASCII = frozenset("°ºµ²³")  # what a board writes in Latin-1
+_NOT_ASCII = frozenset("°ºµ²³§")  # what a board writes in Latin-1
 _NO_VALUES = re.compile(
     "|nan?|inf(inity)?|nul+|none|nc|[o0]l|ov(f|l|er(flow|range|load)?)|open|short|err(or)?|fail(ed)?|fault"
     "|invalid|disconnected|missing|no(data|value)"
 )
+_SERIAL = re.compile(r"(?=.*[A-F])[0-9A-F]{8,}")  # 0316A27E1AFF is no number with a unit
 _COLUMNS = "columns "
 _LONGEST_NAME = 32
 _LONGEST_CLOCK = 18  # digits: 64 bits hold them, and boards restart within thirty million years
@@ -122,20 +136,47 @@ class Grammar:
         """A record without its length, or why the line is none."""
         if self.sensor:
             return self._of_sensor(self.sensor, line)
+        if (log := _LOG.fullmatch(line)) or re.match(r">[^\W\d]", line):
+            state = _STATE.fullmatch(log[1]) if log else _VARIABLE.fullmatch(line)
+            is_value = state is not None and _is_value(state[2])
+            return self._record([_Field(*state.groups(""))]) if state and is_value else Record(0, note=line)
         stamp = _STAMP.match(line)
         body = line[stamp.end() :] if stamp else line
-        if body.startswith(("{", "[")):
-            return self._json(body)
+        if document := re.search(r"^[{[].*|\{.*\}$", body):
+            return self._json(document[0])
+        if body.startswith("(") and body.endswith(")"):
+            body = body[1:-1].rstrip(",")
+        body, reason = self._with_points(body)
+        if reason:
+            return reason
         keys = list(_KEY.finditer(body))
         if keys:
             return self._named_values(body, keys)
-        if "," in body and (";" in body or "\t" in body):  # 21,5;98760 would become three numbers
+        if "," in body and (";" in body or "\t" in body):
             return "two separators, or decimal commas: print numbers with a point"
         fields = _split(body)
+        named = [match for match in map(_NAMED.fullmatch, fields) if match and _is_name(match[1])]
+        if len(named) == len(fields) and all(_is_unit(match[3] or "") for match in named):
+            return self._record([_Field(match[1], match[2], match[3]) for match in named])
         names = [field for field in fields if field]
-        if names and not any(map(_is_value, names)) and all(map(_NAME.fullmatch, names)):
+        if names and not any(map(_is_value, names)) and all(map(_is_name, names)):
             return _heading(names, line)
+        if len(named) == len(fields):
+            return f"neither a sign between name and number nor a known unit; lines may be {FORMS}"
         return self._row(fields, has_stamp=stamp is not None)
+
+    def _with_points(self, body: str) -> tuple[str, str]:
+        """A line with points for decimal commas, and why they may be something else, empty if they cannot."""
+        numbers = _COMMA.findall(body)
+        if not numbers or len(numbers) < body.count(","):
+            return body, ""
+        pointed = _COMMA.sub(r"\1.\2", body)
+        if not re.search(r"[;\t=:]|\d\s+[+-]?\d", pointed) and len(self.columns) != 1:
+            two = "one number with a decimal comma or two columns: print a point, or a header above"
+            return body, "" if self.columns else two
+        if all(len(decimals) == 3 and 0 < len(whole.lstrip("+-0")) < 4 for whole, decimals in numbers):
+            return body, "a decimal comma or thousands: print numbers with a point"
+        return pointed, ""
 
     def _of_sensor(self, sensor: Sensor, line: str) -> Record | str:
         text = sensor.reading(line)
@@ -232,6 +273,7 @@ def _start(buffer: bytes) -> str:
 
 def _line_of(raw: bytes) -> str | None:
     """A line as text, or None; of Latin-1 only the letters of units, or any noise would be text."""
+    raw = _COLOUR.sub(b"", raw)
     try:
         line = raw.decode("utf-8")
     except UnicodeDecodeError:
@@ -240,6 +282,11 @@ def _line_of(raw: bytes) -> str | None:
             return None
     line = line.strip("\ufeff \t").replace("\N{MINUS SIGN}", "-")
     return line if line.replace("\t", " ").isprintable() else None
+
+
+def _is_name(text: str) -> bool:
+    """True for the name of a column, False for one with a number behind it (``Ambient 24.1``)."""
+    return _NAME.fullmatch(text) is not None and not re.search(r"\d\.\d|\s-\d", text)
 
 
 def _split(line: str) -> list[str]:
@@ -288,7 +335,7 @@ def _leaves(body: Any, before: str = "", depth: int = 1) -> Iterator[_Field]:
         text = _json_text(value)
         if isinstance(value, dict | list):
             yield from _leaves(value, f"{before}{key}.", depth - 1) if depth else ()
-        elif not isinstance(value, bool) and _is_value(text):  # else a name, such as of the board
+        elif not isinstance(value, bool) and _is_value(text) and not _SERIAL.fullmatch(text):  # else a name
             yield _Field(f"{before}{key}", text, unit if isinstance(unit, str) else "")
 
 
@@ -384,36 +431,62 @@ class Text(SerialDriver):
 def _first_values(
     port: Port, grammar: Grammar, settings: DeviceSettings, clock: Clock
 ) -> tuple[Grammar, Record]:
-    """The first line with values, and how to read those after it: by the header before it.
+    """The lines with values that a board prints in turn, as one record, and how to read those after it.
 
-    Without a known unit it may be a message of a board that starts: two alike are taken for values. A line
-    that was being printed when the port was opened lacks its first channels, so the first of all is not taken
+    What comes before the first line that is repeated may be messages of a board that starts, or a line that
+    was being printed when the port was opened and lacks its first channels; so the first of all is not taken
     but from a board that prints rarely.
     """
-    within_s, configured_columns, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
-    is_whole = settings.every_s > meter.SLOW_S
+    within_s, configured_columns = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns
+    lines: list[Record] = []
+    raw, last, is_slow = b"", Record(0), settings.every_s > meter.SLOW_S
+    is_whole = is_slow
     for _ in time_left(clock, within_s):
-        first = _next(port, grammar, settings)
+        stamped = _next(port, grammar, settings)
+        raw, last = raw + stamped.raw, stamped.record
         is_whole = is_whole or port.framer.rejected > 0
-        has_value = is_whole and any(Quality.NO_VALUE not in channel.quality for channel in first.channels)
-        if has_value and (_first_unit(first) or first.channels == before.channels):
-            return grammar, first
-        before, is_whole = first, True
-        grammar = replace(grammar, columns=configured_columns or header([first.note]) or grammar.columns)
+        if is_whole and any(Quality.NO_VALUE not in channel.quality for channel in last.channels):
+            names = {channel.name for channel in last.channels}
+            turn = [names == {channel.name for channel in line.channels} for line in lines]
+            lines.append(last)
+            if any(turn) or (is_slow and _first_unit(last)):
+                joined = _joined(lines[turn.index(True) : -1] if any(turn) else [last])
+                if not _first_unit(joined) and (name := sensor_of(raw)):
+                    example = f"the example for {name} prints no units"
+                    raise ConfigError(example, place=settings.name, fix=f'options.sensor = "{name}"')
+                return grammar, joined
+        is_whole = True
+        grammar = replace(grammar, columns=configured_columns or header([last.note]) or grammar.columns)
+    if lines and _first_unit(joined := _joined(lines)):
+        return grammar, joined
     raise DecodeError(
-        f"only comments and headers from {port.path}, the last one {before.note[:60]!r}",
-        raw=before.note.encode(),
+        f"only comments and headers from {port.path}, the last one {last.note[:60]!r}",
+        raw=last.note.encode(),
         place=settings.name,
         fix=f"print lines with values every few seconds: {FORMS}",
     )
 
 
-def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Record:
+def _joined(lines: Sequence[Record]) -> Record:
+    """Lines as one record: each channel as it was first."""
+    values = {value.channel: value for line in reversed(lines) for value in reversed(line.values)}
+    return Record.of(0, reversed(values.values()), device_time=lines[0].device_time)
+
+
+def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Stamped:
     try:
-        return meter.first_record(port, grammar.layout, settings.name, _HINT, settings.every_s).record
+        return meter.first_record(port, grammar.layout, settings.name, _HINT, settings.every_s)
     except DecodeError as error:
-        fix = f"print lines such as {FORMS}"
+        name = sensor_of(error.raw)
+        fix = f'options.sensor = "{name}" reads them' if name else f"print lines such as {FORMS}"
         raise DecodeError(error.problem, raw=error.raw, place=settings.name, fix=fix) from error
+
+
+def sensor_of(lines: bytes) -> str:
+    """The sensor whose example prints these lines, by most of them; empty for none."""
+    decoded = {name: decode_records(lines, Grammar(sensor=sensor).layout) for name, sensor in SENSORS.items()}
+    name = min(decoded, key=lambda name: (decoded[name].refused, -len(decoded[name].values)))
+    return name if decoded[name].values and 2 * decoded[name].refused < len(lines) else ""
 
 
 def _quantity(unit: str, channel: str) -> Quantity:

@@ -5,7 +5,7 @@ import pytest
 
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.framing import Framer
-from fieldkit.drivers.meters.text import Grammar, Text, _first_values
+from fieldkit.drivers.meters.text import Grammar, Text, _first_values, sensor_of
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
@@ -169,6 +169,43 @@ NO_VALUES = ("OL", "ovf", "---", "nan", "NaN", "n/a", "null", "ERR!")
         ),
         (b'{"temp": {"value": 23.4, "unit": "C"}}', [("temp.value", 23.4, C)]),
         (b"[21.5, 3]", [("column 1", 21.5, ""), ("column 2", 3.0, "")]),
+        (b"(21.5, 3)", [("column 1", 21.5, ""), ("column 2", 3.0, "")]),
+        (
+            b'MQT: tele/bed/SENSOR = {"DS18B20":{"Id":"0316A27E1AFF","temp_c":23.4}}',
+            [("DS18B20.temp_c", 23.4, C)],
+        ),
+        # an MLX90614 whose object is out of its range
+        (b"Ambient 24.1 C, Object -7999 C", [("Ambient", 24.1, C), ("Object", -7999.0, C)]),
+        (b"Sensor 1 24.1 C; Sensor 2 25 C", [("Sensor 1", 24.1, C), ("Sensor 2", 25.0, C)]),
+        # ClosedCube_SHT31D's and SparkFun's words
+        (b"Temp *C = 23.40\t\tHum. % = 45.60", [("Temp *C", 23.4, C), ("Hum. %", 45.6, "")]),
+        (b"Temperature in Celsius: 23.4", [("Temperature in Celsius", 23.4, C)]),
+        (b"21,5;98760,0", [("column 1", 21.5, ""), ("column 2", 98760.0, "")]),
+        (b"21,5 -0,25", [("column 1", 21.5, ""), ("column 2", -0.25, "")]),
+        (b"T=21,5 C", [("T", 21.5, C)]),
+        (b"T1=21,562 C;T2=22,25 C", [("T1", 21.562, C), ("T2", 22.25, C)]),
+        ("Temperatur: 21,5 °C Feuchte: 45,3 %".encode(), [("Temperatur", 21.5, C), ("Feuchte", 45.3, "%")]),
+        (b"temp_c\n21,5", [("temp_c", 21.5, C)]),
+        (
+            b"n,temp_c\n21,5\nn,temp_c\n22,5",
+            [("n", 21.0, ""), ("temp_c", 5.0, C), ("n", 22.0, ""), ("temp_c", 5.0, C)],
+        ),
+        # logs of ESPHome, of 2022 in colour, and from 2025.12 on
+        (
+            b"\x1b[0;36m[D][sensor:093]: 'T': Sending state 23.4 \xb0C with 1 decimals of accuracy\x1b[0m",
+            [("T", 23.4, C)],
+        ),
+        (b"[10:18:17.439][S][sensor]: 'Sky: 1' >> 98760 lx", [("Sky: 1", 98760.0, LX)]),
+        (
+            b"[10:05:20][D][sensor:126]: 'n': Sending state 7.00000 with 0 decimals of accuracy",
+            [("n", 7.0, "")],
+        ),
+        ("[13:13:26][D][dht:048]: Got Temperature=15.5°C Humidity=80.3%".encode(), []),
+        (b"[19:59:55.692][S][binary_sensor]: 'Lounge Presence' >> ON", []),
+        # Teleplot: name, time, value, unit, flags
+        (b">T1:21.5\n>lux:3", [("T1", 21.5, ""), ("lux", 3.0, LX)]),
+        (">T1:1627551892437:21.5§°C|np".encode(), [("T1", 21.5, C)]),
+        (b">log:boot done|t\n>way:12:10|xy\n>T1:1;2;3", []),
     ],
 )
 def test_lines_of_other_boards_are_read(line, expected):
@@ -222,10 +259,10 @@ def test_messages_of_a_board_that_starts_do_not_declare_its_stream(wire):
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        (b"21,5;98760\n", "21,5"),
-        (b"LUX 980.2\n", "'LUX 980.2': lines may be"),
-        (b"T=21,5 C\n", "'T=21,5 C': a number without a name, or a decimal comma"),
-        (b"lux=54,612 lx\n", "decimal comma"),
+        (b"LUX 980.2\n", "'LUX 980.2': neither a sign"),
+        (b"T1 21.5, T2 22.5\n", "'T1 21.5, T2 22.5': neither a sign"),
+        (b"T1=21,5 C, T2=22 C, 3\n", "a number without a name"),
+        (b"lux=54,612 lx\n", "a decimal comma or thousands"),
         (b"x: 12 345 lx\n", "lines may be"),
         (b"1,2,3\n", "'1,2,3': 3 fields, 2 columns"),
         (b"{oops}\n", "not JSON"),
@@ -234,6 +271,51 @@ def test_messages_of_a_board_that_starts_do_not_declare_its_stream(wire):
 )
 def test_a_line_that_is_rejected_is_shown_with_the_reason(line, reason):
     assert reason in Grammar(("a", "b")).parse(line).reason
+
+
+def test_one_number_with_a_comma_and_nothing_else_is_refused():
+    for line in (b"21,5\n", b"3,21 C\n"):
+        assert "decimal comma or two columns" in Grammar().parse(line).reason
+
+
+def test_lines_in_turn_are_one_stream(wire):
+    """As of ESPHome's log and Teleplot: one channel a line, those of the first quantity make the stream."""
+    wire.talk(b"boot: ok\r\n>bed:21.5\xc2\xa7C\r\n>lux:5\r\n>ref:22.5\xc2\xa7C\r\n")
+    device = wire.open(Text(), settings(wire))
+    assert set(device.info.channels) == {"bed", "ref"}
+    readings = [device.read(1.0).values for _ in range(2)]
+    assert sorted(value for values in readings for value in values if value > 0) == pytest.approx(
+        [294.65, 295.65]
+    )
+
+
+EXAMPLES = {  # what each library's example prints, from its boot on
+    "bh1750": b"BH1750 Test begin\r\nLight: 54.17 lx\r\nLight: 55.00 lx\r\n",
+    "tsl2591": b"[ 5021 ms ] IR: 2101  Full: 8213  Visible: 6112  Lux: 412.345678\r\n",
+    "max31855": b"MAX31855 test\r\nInitializing sensor...DONE.\r\nInternal Temp = 22.44\r\nC = 48.25\r\n",
+    "max31856": b"Thermocouple type: K Type\r\nCold Junction Temp: 23.44\r\nThermocouple Temp: 24.12\r\n",
+    "ds18b20": b"Requesting temperatures...DONE\r\nTemperature for the device 1 (index 0) is: 21.56\r\n",
+    "sht4x": b"Temperature: 23.45 degrees C\r\nHumidity: 45.60% rH\r\n",
+    "scd30": b"SCD30 Found!\r\nTemperature: 24.10 degrees C\r\nRelative Humidity: 45.2 %\r\n",
+    "bme280": b"BME280 test\r\nTemperature = 23.45 *C\r\nPressure = 1013.25 hPa\r\nHumidity = 45.67 %\r\n",
+    "": b"T1=21.5 C\r\nT1=21.6 C\r\n",
+}
+
+
+@pytest.mark.parametrize("sensor", EXAMPLES)
+def test_an_example_is_known_by_what_it_prints(sensor):
+    assert sensor_of(EXAMPLES[sensor]) == sensor
+
+
+def test_an_error_names_the_sensor_whose_example_the_board_runs(wire):
+    wire.talk(EXAMPLES["ds18b20"][32:])
+    with pytest.raises(DecodeError, check=at("board")) as caught:
+        Text().open(settings(wire, sensor="bh1750"), HostClock())
+    assert "ds18b20" in caught.value.fix
+    wire.talk(EXAMPLES["max31856"])
+    with pytest.raises(ConfigError, check=at("board")) as caught:
+        Text().open(settings(wire), HostClock())
+    assert "max31856" in caught.value.fix
 
 
 @pytest.mark.parametrize("said", [b"LUX 980.2\n", b"LUX 980.2 "])
