@@ -22,19 +22,8 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.sessions import layout
 from fieldkit.sessions.chunks import as_column
-from fieldkit.sessions.layout import (
-    EVENT_COLUMNS,
-    LEARNT_NUMBERS,
-    MAX_LEARNT,
-    MAX_VERTICES,
-    TIME_UNITS,
-    Column,
-    SessionHeader,
-    decode_text,
-    encode_text,
-    entry_columns,
-)
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
 Table = Mapping[str, AnyArray]
@@ -52,8 +41,8 @@ _ATTRIBUTES = {
 class EntryRows:
     """Converts entries to rows, for one session."""
 
-    def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
-        self._columns = entry_columns(header)
+    def __init__(self, header: layout.SessionHeader, anchor_ns: int) -> None:
+        self._columns = layout.entry_columns(header)
         self._regions = {name: number for number, name in enumerate(header.region_names)}
         self._streams = {info.name: number for number, info in enumerate(header.streams)}
         self._anchor_ns = anchor_ns
@@ -70,7 +59,7 @@ class EntryRows:
         elif isinstance(entry, RegionRecord):
             yield "regions", self._region_row(entry)
         elif isinstance(entry, Event):
-            yield "events", row_of(EVENT_COLUMNS, entry, data=stored_details(entry))
+            yield "events", row_of(layout.EVENT_COLUMNS, entry, data=stored_details(entry))
         elif isinstance(entry, Health):
             yield "health", self._health_row(entry)
         else:
@@ -80,12 +69,12 @@ class EntryRows:
         return row_of(self._columns[table], entry, **values)
 
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
-        row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
-        row |= {name: np.zeros(MAX_LEARNT, "S32") for name in ("name", "unit")}
-        for place, parameter in enumerate(learnt.parameters[:MAX_LEARNT]):
+        row: Row = {name: np.full(layout.MAX_LEARNT, np.nan) for name in layout.LEARNT_NUMBERS}
+        row |= {name: np.zeros(layout.MAX_LEARNT, "S32") for name in ("name", "unit")}
+        for place, parameter in enumerate(learnt.parameters[: layout.MAX_LEARNT]):
             for name, column in row.items():
                 value = getattr(parameter, name)
-                column[place] = encode_text(value, 32) if isinstance(value, str) else value
+                column[place] = layout.encode_text(value, 32) if isinstance(value, str) else value
         for name in _BY_REGION:
             row[name] = np.full(max(1, len(self._regions)), np.nan)
             for region, value in getattr(learnt, name).items():
@@ -95,7 +84,7 @@ class EntryRows:
 
     def _region_row(self, record: RegionRecord) -> Row:
         region = record.region
-        points_px, points_m = np.full((MAX_VERTICES, 2), np.nan), np.full((MAX_VERTICES, 3), np.nan)
+        points_px, points_m = (np.full((layout.MAX_VERTICES, axes), np.nan) for axes in (2, 3))
         points_px[: len(region.points_px)] = region.points_px
         if region.points_m:
             points_m[: len(region.points_m)] = region.points_m
@@ -113,7 +102,7 @@ class EntryRows:
         return self._row("health", health, **counts)
 
 
-def row_of(columns: Iterable[Column], entry: object, **values: Any) -> Row:
+def row_of(columns: Iterable[layout.Column], entry: object, **values: Any) -> Row:
     """The row of an entry: its attributes by the columns called alike, and the `values` of the others."""
     row = {column.name: _ATTRIBUTES.get(column.name, column.name) for column in columns}
     row = {
@@ -122,13 +111,13 @@ def row_of(columns: Iterable[Column], entry: object, **values: Any) -> Row:
     return {column.name: _stored_value(row[column.name], column) for column in columns}
 
 
-def _stored_value(value: Any, column: Column) -> Any:
+def _stored_value(value: Any, column: layout.Column) -> Any:
     if column.is_text and not isinstance(value, bytes):
-        return encode_text(str(value), np.dtype(column.dtype).itemsize)
-    return value // 1000 if column.attributes.get("units") == TIME_UNITS else value
+        return layout.encode_text(str(value), np.dtype(column.dtype).itemsize)
+    return value // 1000 if column.attributes.get("units") == layout.TIME_UNITS else value
 
 
-def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
+def fitting_column(values: Sequence[Any], column: layout.Column) -> AnyArray:
     """The values of some rows; numbers too large or small for a column of integers as the outermost it holds.
 
     A journal may hold any number, and one entry must not keep all the rest from being stored.
@@ -136,12 +125,12 @@ def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
     kind = np.dtype(column.dtype)
     if kind.kind not in "iu":
         return as_column(values, column)
-    per = 1000 if column.attributes.get("units") == TIME_UNITS else 1  # read as nanoseconds
+    per = 1000 if column.attributes.get("units") == layout.TIME_UNITS else 1  # read as nanoseconds
     lowest, highest = -(-np.iinfo(kind).min // per), np.iinfo(kind).max // per
     return as_column(np.clip(np.array(values, object), lowest, highest), column)
 
 
-def stored_column(rows: Sequence[Row], column: Column) -> AnyArray:
+def stored_column(rows: Sequence[Row], column: layout.Column) -> AnyArray:
     """A column of some rows as h5py stores it, text marked as UTF-8."""
     values = [row[column.name] for row in rows]
     if column.is_text:
@@ -151,8 +140,8 @@ def stored_column(rows: Sequence[Row], column: Column) -> AnyArray:
 
 def event_columns(events: Sequence[Event]) -> Table:
     """The columns of a table of these events."""
-    rows = [row_of(EVENT_COLUMNS, event, data=stored_details(event)) for event in events]
-    return {column.name: stored_column(rows, column) for column in EVENT_COLUMNS}
+    rows = [row_of(layout.EVENT_COLUMNS, event, data=stored_details(event)) for event in events]
+    return {column.name: stored_column(rows, column) for column in layout.EVENT_COLUMNS}
 
 
 def stored_details(event: Event) -> bytes:
@@ -187,7 +176,7 @@ def _rows(table: Table) -> Iterator[Row]:
 
 def _plain(values: AnyArray) -> list[Any]:
     is_text = values.dtype.kind == "S" and values.ndim == 1
-    return [decode_text(text) for text in values.tolist()] if is_text else values.tolist()
+    return [layout.decode_text(text) for text in values.tolist()] if is_text else values.tolist()
 
 
 def _entry(kind: type[T], row: Row, /, **values: Any) -> T:
@@ -267,10 +256,10 @@ def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
 
 
 def _learnt(row: Row, regions: tuple[str, ...]) -> Learnt:
-    texts = (map(decode_text, row[name]) for name in ("name", "unit"))
+    texts = (map(layout.decode_text, row[name]) for name in ("name", "unit"))
     parameters = (
-        LearntParameter(name, unit, **dict(zip(LEARNT_NUMBERS, numbers, strict=True)))
-        for name, unit, *numbers in zip(*texts, *(row[name] for name in LEARNT_NUMBERS), strict=True)
+        LearntParameter(name, unit, **dict(zip(layout.LEARNT_NUMBERS, numbers, strict=True)))
+        for name, unit, *numbers in zip(*texts, *(row[name] for name in layout.LEARNT_NUMBERS), strict=True)
         if name
     )
     by_region = {

@@ -18,22 +18,9 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.version import __version__
+from fieldkit.sessions import layout
 from fieldkit.sessions.digests import DIGEST_CHARS, object_paths
 from fieldkit.sessions.journal import SessionIdentity
-from fieldkit.sessions.layout import (
-    FILL_COUNT,
-    FORMAT_NAME,
-    FORMAT_VERSION,
-    RECORDING,
-    TIME_MAP_COLUMNS,
-    Column,
-    SessionHeader,
-    chunk_rows,
-    chunk_shape,
-    encode_text,
-    entry_columns,
-    stream_columns,
-)
 
 ISO_WIDTH = 32
 
@@ -62,11 +49,11 @@ def _tree(file: h5py.File, identity: SessionIdentity) -> None:
     _entry(file, identity)
     for info in header.streams:
         _stream_group(file, info)
-    for name, columns in entry_columns(header).items():
+    for name, columns in layout.entry_columns(header).items():
         _entry_group(file, name, columns, header)
     _config(file, header)
     # corrections of the clock are written afterwards and only when asked: data, not edits
-    put_columns(put_group(file, "time_map", "NXcollection"), TIME_MAP_COLUMNS)
+    put_columns(put_group(file, "time_map", "NXcollection"), layout.TIME_MAP_COLUMNS)
     _integrity(file)
 
 
@@ -80,7 +67,7 @@ def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
             "source": "; ".join(f"{info.name}: {info.vendor} {info.model}" for info in header.streams),
             "history": f"{iso_utc(identity.start_ns)} recorded by fieldkit {__version__}",
             "references": header.references, "comment": header.description,
-            "fieldkit_format": FORMAT_NAME, "fieldkit_format_version": FORMAT_VERSION,
+            "fieldkit_format": layout.FORMAT_NAME, "fieldkit_format_version": layout.FORMAT_VERSION,
             "fieldkit_version": __version__, "h5py_version": h5py.version.version,
             "hdf5_version": h5py.version.hdf5_version, "session_id": identity.session_id,
         },
@@ -99,7 +86,7 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     put_text(entry, "start_time", iso_utc(identity.start_ns), ISO_WIDTH)
     put_text(entry, "end_time", "", ISO_WIDTH)
     meanings = {"flag_values": np.arange(3, dtype="u1"), "flag_meanings": _STATES}
-    put_data(entry, "complete", np.uint8(RECORDING), **meanings)
+    put_data(entry, "complete", np.uint8(layout.RECORDING), **meanings)
     about_anchor = "UTC less host monotonic clock, taken at the start"
     put_data(entry, "utc_minus_mono_ns", np.int64(identity.anchor_ns), units="ns", long_name=about_anchor)
     put_text(put_group(entry, "user", "NXuser"), "name", header.operator)
@@ -111,7 +98,7 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
 
 
 def _stream_group(file: h5py.File, info: StreamInfo) -> None:
-    columns = stream_columns(info)
+    columns = layout.stream_columns(info)
     signal, axes = "counts", ["y", "x"]
     if not info.is_camera:
         signal, axes = "value", [axis for column in columns if column.name == "value" for axis in column.dims]
@@ -129,24 +116,26 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
 
 
 def _frames(group: h5py.Group, info: StreamInfo) -> None:
-    counts = put_frames(group, "counts", chunk_shape(info), info.shape, FILL_COUNT)
+    counts = put_frames(group, "counts", layout.chunk_shape(info), info.shape, layout.FILL_COUNT)
     attach(group, counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
     scaled = {"scale_factor": float(info.scale), "add_offset": float(info.offset), "units": "K"}
     about_kelvin = {"standard_name": "brightness_temperature", "units_metadata": "temperature: on_scale"}
     plain = {"units": "1", "long_name": f"camera counts, law {info.law}"}
-    flags = {"ancillary_variables": "flags", "_FillValue": np.uint16(FILL_COUNT)}
+    flags = {"ancillary_variables": "flags", "_FillValue": np.uint16(layout.FILL_COUNT)}
     set_attributes(counts, {**({**scaled, **about_kelvin} if linear else plain), **flags})
     if info.metadata_shape[0]:
         put_scale(group, "metadata_row", np.arange(info.metadata_shape[0], dtype="<i4"), units="1")
-        depth = chunk_shape(info)[0]
+        depth = layout.chunk_shape(info)[0]
         rows = put_frames(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
         set_attributes(rows, {"long_name": "rows the camera sent with the frame", "units": "1"})
         same_width = info.metadata_shape[1] == info.shape[1]
         attach(group, rows, "time", "metadata_row", *(("x",) if same_width else ()))
 
 
-def _entry_group(file: h5py.File, name: str, columns: list[Column], header: SessionHeader) -> None:
+def _entry_group(
+    file: h5py.File, name: str, columns: list[layout.Column], header: layout.SessionHeader
+) -> None:
     signal = {"signal": "value", "axes": labels(["time"])} if name == "irradiance" else {}
     nx_class = {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection")
     group = put_group(file, name, nx_class, **signal)
@@ -156,7 +145,7 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     put_columns(group, columns, rate_hz, region=regions, stream=streams, xy=xy, enu=enu)
 
 
-def _config(file: h5py.File, header: SessionHeader) -> None:
+def _config(file: h5py.File, header: layout.SessionHeader) -> None:
     group = put_group(file, "config", "NXcollection")
     digest = sha256(header.config_toml.encode(errors="replace")).hexdigest()
     put_text(group, "session_toml", header.config_toml, sha256=digest)
@@ -213,7 +202,7 @@ def put_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -
 
 def put_text(group: h5py.Group, name: str, text: str, width: int = 0, **attributes: Any) -> h5py.Dataset:
     """A scalar dataset of UTF-8 text of fixed width."""
-    data = encode_text(text, width) if width else text.encode(errors="replace")
+    data = layout.encode_text(text, width) if width else text.encode(errors="replace")
     kind = h5py.string_dtype("utf-8", width or max(1, len(data)))
     dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
     set_attributes(dataset, attributes)
@@ -234,14 +223,14 @@ def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> N
 
 
 def put_columns(
-    group: h5py.Group, columns: Sequence[Column], rate_hz: float = 0.0, **names: AnyArray
+    group: h5py.Group, columns: Sequence[layout.Column], rate_hz: float = 0.0, **names: AnyArray
 ) -> None:
     """The empty, growing datasets of a table; their axes beside time have `names`, or numbers from 0."""
     sizes = {dim: size for column in columns for dim, size in zip(column.dims, column.shape, strict=True)}
     for dim, size in sizes.items():
         about = {} if dim in names else {"units": "1"}
         put_scale(group, dim, names.get(dim, np.arange(size, dtype="<i4")), **about)
-    rows = chunk_rows(columns, rate_hz)
+    rows = layout.chunk_rows(columns, rate_hz)
     for column in columns:
         dtype = h5py.string_dtype("utf-8", int(column.dtype[1:])) if column.is_text else column.dtype
         dataset = group.create_dataset(
@@ -292,4 +281,6 @@ def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any
 
 def labels(names: Iterable[str], width: int = 32) -> np.ndarray[Any, Any]:
     """Names as UTF-8 text of fixed width; at least one, as no scale may be empty."""
-    return np.array([encode_text(name, width) for name in names] or [b""], h5py.string_dtype("utf-8", width))
+    return np.array(
+        [layout.encode_text(name, width) for name in names] or [b""], h5py.string_dtype("utf-8", width)
+    )

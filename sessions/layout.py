@@ -112,7 +112,8 @@ def _check_stream(info: StreamInfo) -> None:
     """
     rows, values = math.prod(info.metadata_shape), math.prod(info.shape)
     most = MOST_PIXELS if info.is_camera else MOST_BYTES
-    if len(info.shape) not in (1, 2) or min(info.shape) < 1 or max(rows, values) > most:
+    is_possible = len(info.shape) in (1, 2) and 1 <= min(info.shape) <= max(info.shape) <= MOST_BYTES
+    if not is_possible or max(rows, values) > most:
         raise ValueError(f"stream {info.name!r} is declared with samples of shape {info.shape}")
     numbers = (*info.metadata_shape, info.raw_bytes, info.burst_frames)
     if min(numbers) < 0 or max(numbers) > MOST_BYTES or not 0.0 <= info.rate_hz < math.inf:

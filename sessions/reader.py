@@ -35,48 +35,21 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions import entry_rows
+from fieldkit.sessions import entry_rows, layout, stored
 from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
-from fieldkit.sessions.layout import (
-    FORMAT_NAME,
-    LATER_EVENT_COLUMNS,
-    LATER_EVENTS,
-    RECORDING,
-    RECOVERED,
-    SEALED,
-    TIME_UNITS,
-    SessionHeader,
-    check_version,
-    decode_text,
-    entry_columns,
-    stream_columns,
-)
 from fieldkit.sessions.lock import is_locked, journal_path, locked_within
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stored import (
-    closed_error,
-    columns_of,
-    explain,
-    group_of,
-    link_of,
-    stored_here,
-    texts_of,
-    was_made,
-    whole_rows,
-)
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
 from fieldkit.sessions.time_map import StoredTimes, TimeStep, corrections, mapped_event
 
-_MAX_HEADER_BYTES = 16_000_000
-
 
 def check_format(path: Path, file: h5py.File) -> None:
     """Raise `SessionError` where the file is not a session, `FormatError` for one of another version."""
-    if attribute(file, "fieldkit_format") != FORMAT_NAME:
+    if attribute(file, "fieldkit_format") != layout.FORMAT_NAME:
         raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
-    check_version(path, str(attribute(file, "fieldkit_format_version")))
+    layout.check_version(path, str(attribute(file, "fieldkit_format_version")))
 
 
 def attribute(file: h5py.File, name: str) -> str | None:
@@ -87,16 +60,23 @@ def attribute(file: h5py.File, name: str) -> str | None:
 
 def scalar(file: h5py.File, name: str) -> Any:
     """A single value of this very file; raises `SessionError` where there is none or a hostile one."""
-    dataset = stored_here(file, name)
-    is_scalar = isinstance(dataset, h5py.Dataset) and dataset.shape == ()
-    if not is_scalar or dataset.dtype.itemsize > _MAX_HEADER_BYTES:
+    dataset = stored.stored_here(file, name)
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape != ():
         raise SessionError(f"{name} is missing", place=file.filename)
+    stored.check_size(dataset)
     return dataset[()]
 
 
-def header_of(file: h5py.File) -> SessionHeader:
+def text(file: h5py.File, name: str) -> str:
+    """A single text of this very file; raises `SessionError` where there is none or a hostile one."""
+    if not isinstance(value := scalar(file, name), bytes):
+        raise SessionError("is no text", place=name)
+    return layout.decode_text(value)
+
+
+def header_of(file: h5py.File) -> layout.SessionHeader:
     """Header declared when the recording began; raises `SessionError` where it is damaged."""
-    return SessionHeader.from_json(decode_text(scalar(file, "config/header")))
+    return layout.SessionHeader.from_json(text(file, "config/header"))
 
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -126,7 +106,7 @@ class SessionReader:
     def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
         self.path = path
         self.state = state
-        self.header: SessionHeader = header_of(file)
+        self.header: layout.SessionHeader = header_of(file)
         self.anchor_ns: int = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._handle = file
         self._salvage = salvage
@@ -159,7 +139,7 @@ class SessionReader:
     @property
     def was_finished(self) -> bool:
         """True if the file itself says that it was sealed or recovered, whatever became of it since."""
-        return int(scalar(self._file, "entry/complete")) != RECORDING
+        return int(scalar(self._file, "entry/complete")) != layout.RECORDING
 
     @property
     def is_closed(self) -> bool:
@@ -169,7 +149,7 @@ class SessionReader:
     def require_open(self) -> None:
         """Raise `SessionError` where it is closed."""
         if self.is_closed:
-            raise closed_error(self.path)
+            raise stored.closed_error(self.path)
 
     @property
     def _file(self) -> h5py.File:
@@ -197,7 +177,7 @@ class SessionReader:
     def identity(self) -> SessionIdentity:
         """Head of the journal of this session; where its start cannot be read, that of the first sample."""
         try:
-            start_ns = utc_ns(datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time"))))
+            start_ns = utc_ns(datetime.fromisoformat(text(self._file, "entry/start_time")))
         except (SessionError, ValueError):
             start_ns = self.start_ns
         return SessionIdentity(self.session_id, start_ns, self.anchor_ns, self.header)
@@ -233,7 +213,7 @@ class SessionReader:
         with self._explaining():
             return {
                 **{name: str(attribute(self._file, name)) for name in root},
-                **{name: decode_text(scalar(self._file, f"config/{name}")) for name in config},
+                **{name: text(self._file, f"config/{name}") for name in config},
             }
 
     # --- samples
@@ -310,7 +290,7 @@ class SessionReader:
             return False
         try:
             sealed = self.sealed_objects()
-            paths = [f"{stream}/{column.name}" for column in stream_columns(self.streams[stream])]
+            paths = [f"{stream}/{column.name}" for column in layout.stream_columns(self.streams[stream])]
             return all(sealed.get(path) == self.object_digest(path) for path in paths)
         except (SessionError, OSError, RuntimeError, KeyError):
             return False
@@ -322,8 +302,8 @@ class SessionReader:
 
         With `recorded` all marks as they were made, and the corrections of marks as events of their own.
         """
-        stored = self.timed_table("events", recorded=True)
-        events = [*entry_rows.events_from(stored), *self._later_events()]
+        table = self.timed_table("events", recorded=True)
+        events = [*entry_rows.events_from(table), *self._later_events()]
         return (
             events
             if recorded
@@ -342,10 +322,10 @@ class SessionReader:
 
     def _later_events(self) -> list[Event]:
         """Events added since the session was finished, with times as recorded."""
-        if link_of(self._file, LATER_EVENTS) is None:
+        if stored.link_of(self._file, layout.LATER_EVENTS) is None:
             return []
         with self._explaining():
-            columns = corrections(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS)
+            columns = corrections(self.group(layout.LATER_EVENTS), layout.LATER_EVENT_COLUMNS)
         time_ns = self._times.utc_ns(columns["time"], columns["mono_ns"], recorded=True)
         return entry_rows.events_from({**columns, "time_ns": time_ns})
 
@@ -385,7 +365,7 @@ class SessionReader:
     def irradiance(self) -> dict[str, AnyArray]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
         table = self.timed_table("irradiance")
-        models = np.array([decode_text(model) for model in table["model"]], dtype=object)
+        models = np.array([layout.decode_text(model) for model in table["model"]], dtype=object)
         times = {"time_ns": table["time_ns"], "irradiance_w_m2": table["value"]}
         return {**times, "flags": table["flags"], "model": models}
 
@@ -397,7 +377,7 @@ class SessionReader:
     def sealed_objects(self) -> dict[str, str]:
         """Digests of the file's objects by their paths, as sealed."""
         with self._explaining():
-            texts = (texts_of(self._file, f"integrity/{name}") for name in ("object", "object_sha256"))
+            texts = (stored.texts_of(self._file, f"integrity/{name}") for name in ("object", "object_sha256"))
             return dict(zip(*texts, strict=True))
 
     def object_digest(self, path: str) -> str:
@@ -413,7 +393,7 @@ class SessionReader:
         columns = (table[name].tolist() for name in ("time_ns", "value", "model", "flags"))
         return [
             MinuteRecord(
-                time_ns, tuple(by_time.get(time_ns, ())), value, decode_text(model), Quality(flags),
+                time_ns, tuple(by_time.get(time_ns, ())), value, layout.decode_text(model), Quality(flags),
                 learnt.get(time_ns),
             )
             for time_ns, value, model, flags in zip(*columns, strict=True)
@@ -428,7 +408,7 @@ class SessionReader:
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
         with self._explaining():
-            return group_of(self._file, name)
+            return stored.group_of(self._file, name)
 
     def datasets(self, name: str) -> dict[str, h5py.Dataset]:
         """The datasets of the group of a stream or table, those of a newer version among them.
@@ -437,7 +417,7 @@ class SessionReader:
         """
         group = self.group(name)
         with self._explaining():
-            nodes = {name: stored_here(group, name) for name in group}
+            nodes = {name: stored.stored_here(group, name) for name in group}
             return {name: node for name, node in nodes.items() if isinstance(node, h5py.Dataset)}
 
     @contextmanager
@@ -446,7 +426,7 @@ class SessionReader:
         try:
             yield
         except SessionError as error:
-            raise explain(self.path, error) from error
+            raise stored.explain(self.path, error) from error
 
     def table(self, name: str) -> dict[str, AnyArray]:
         """The columns of a table of entries as stored, as many rows as all of them have."""
@@ -454,24 +434,27 @@ class SessionReader:
         length = min((dataset.shape[0] for dataset in datasets.values()), default=0)
         if self._salvage:
             length = self._whole(datasets, length)
-        return {
-            column.name: datasets[column.name][:length] if column.name in datasets else column.unknown(length)
-            for column in self._columns[name]
-        }
+        with self._explaining():
+            return {
+                column.name: datasets[column.name][:length]
+                if column.name in datasets
+                else stored.unknown_rows(self._file, column, length)
+                for column in self._columns[name]
+            }
 
     def _table_datasets(self, name: str) -> dict[str, h5py.Dataset]:
         """The columns of a table that the file has; none where it is of a version without that table."""
         with self._explaining():
-            if not was_made(self._file, name):
+            if not stored.was_made(self._file, name):
                 return {}
-            return columns_of(group_of(self._file, name), self._columns[name], salvage=self._salvage)
+            group = stored.group_of(self._file, name)
+            return stored.columns_of(group, self._columns[name], salvage=self._salvage)
 
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
         table = self.table(name)
-        times = (
-            column.name for column in self._columns[name] if column.attributes.get("units") == TIME_UNITS
-        )
+        units = {column.name: column.attributes.get("units") for column in self._columns[name]}
+        times = (column for column, unit in units.items() if unit == layout.TIME_UNITS)
         mono_ns = {"time": table.get("mono_ns")}
         return table | {
             f"{time}_ns": self._times.utc_ns(table[time], mono_ns.get(time), recorded=recorded)
@@ -482,7 +465,7 @@ class SessionReader:
         """Rows up to the first of which something is not in a file that may have lost its end."""
         end = self.path.stat().st_size
         for dataset in columns.values():
-            rows = whole_rows(dataset, end)
+            rows = stored.whole_rows(dataset, end)
             length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
         return length
 
@@ -493,7 +476,7 @@ class SessionReader:
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
-        return entry_columns(self.header)
+        return layout.entry_columns(self.header)
 
 
 def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
@@ -598,12 +581,12 @@ def _open_file(
         file = opened()
         check_format(path, file)
         complete = int(scalar(file, "entry/complete"))
-        stored_state = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
+        stored_state = {layout.SEALED: "sealed", layout.RECOVERED: "recovered"}.get(complete, unfinished)
         session = kind(path, file, state or stored_state, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
-        raise explain(path, error) from error
+        raise stored.explain(path, error) from error
     if session.state in ("sealed", "recovered"):
         _warn_where_changed(session)
     return session

@@ -8,10 +8,12 @@ its checksum matches.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +31,7 @@ from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import of_frame
-from fieldkit.sessions.stored import columns_of, whole_rows
+from fieldkit.sessions.stored import DEFLATE_RATIO, columns_of, whole_rows
 from fieldkit.sessions.time_map import corrections, row_crc32s
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
@@ -103,7 +105,9 @@ class Salvage:
         """The journal of the file's session; without the file of that which most of its logs are of."""
         identity = self._session.identity if self._session is not None else None
         try:
-            return stack.enter_context(JournalReader(journal_path(self._path), identity))
+            journal = stack.enter_context(JournalReader(journal_path(self._path), identity))
+            journal.compare_sizes()
+            return journal
         except FormatError:
             raise
         except SessionError as error:
@@ -374,7 +378,7 @@ class LooseChunks:
         self._session = session
         self._journal = journal
         self._info = info
-        self._blocks: dict[str, tuple[int, CountArray]] = {}
+        self._blocks: dict[str, tuple[int, CountArray | None]] = {}
 
     def pack(self, start: int) -> list[PackedChunk] | None:
         """Every chunk of the block that begins with that row, packed; None if one is not as written."""
@@ -404,20 +408,26 @@ class LooseChunks:
         start = seq - seq % block_rows(self._info)
         if self._blocks.get(name, (-1, None))[0] != start:
             self._blocks[name] = start, self._block(name, start)
-        frame: bytes = self._blocks[name][1][seq - start].tobytes()
-        return frame
+        block = self._blocks[name][1]
+        return b"" if block is None else block[seq - start].tobytes()
 
-    def _block(self, name: str, start: int) -> CountArray:
-        """The block with every chunk that can be read; later places of a chunk overrule earlier ones."""
+    def _block(self, name: str, start: int) -> CountArray | None:
+        """The block with every chunk that can be read; later places of a chunk overrule earlier ones.
+
+        None where these are too few to fill one.
+        """
         depth, rows, cols = chunk_shape(self._info)
         shape = self._info.shape
         if name != "counts":  # metadata rows are cut into whole frames
             rows, cols = shape = self._info.metadata_shape
+        chunks = sorted(self._chunks(f"/{self._info.name}/{name}", start), key=attrgetter("offset"))
+        there = [(chunk, data) for chunk in chunks if (data := read_chunk(self._path, chunk)) is not None]
+        if DEFLATE_RATIO * sum(len(data) for _, data in there) < 2 * depth * math.prod(shape):
+            return None
         block = np.zeros((depth, *shape), "<u2")
-        chunks = self._chunks(f"/{self._info.name}/{name}", start)
-        for chunk in sorted(chunks, key=lambda chunk: chunk.offset):
-            if (data := read_chunk(self._path, chunk)) is not None:
-                place = np.s_[:, chunk.y : chunk.y + rows, chunk.x : chunk.x + cols]
+        for chunk, data in there:
+            place = np.s_[:, chunk.y : chunk.y + rows, chunk.x : chunk.x + cols]
+            if block[place].shape == (depth, rows, cols):
                 block[place] = unpack(data, (depth, rows, cols))
         return block
 

@@ -16,17 +16,18 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldkit.model.arrays import IntArray
+from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.next_step import Action
 from fieldkit.sessions.layout import Column, decode_text
+from fieldkit.sessions.superblock import real_bytes
 
 MOST_CHUNK_BYTES = 16_777_216
 """A chunk of a table; the writer's have a few hundred kilobytes at most."""
 
-_MOST_UNINDEXED_BYTES = 1_000_000_000
 _MOST_INFLATED_BYTES = 536_870_912
-_DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical details
+DEFLATE_RATIO = 1032
+"""Nothing that deflate packs is larger: zlib's technical details."""
 
 
 def explain(path: Path, error: Exception) -> SessionError:
@@ -126,17 +127,39 @@ def texts_of(file: h5py.File, path: str) -> list[str]:
 
 
 def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
-    """Raise `SessionError` where a dataset claims more than it has bytes for (unless torn: `salvage`)."""
-    try:
-        stored = min(int(dataset.id.get_storage_size()), int(h5py.h5i.get_file_id(dataset.id).get_filesize()))
-    except RuntimeError as error:
-        if not salvage:
-            raise SessionError(f"its index is damaged: {error}", place=dataset.name) from error
-        stored = _MOST_UNINDEXED_BYTES
-    if dataset.size * dataset.dtype.itemsize > stored:
+    """Raise `SessionError` where a dataset claims more than it has bytes for.
+
+    One that is torn (`salvage`) may: of it only `whole_rows` are read.
+    """
+    if not salvage and dataset.size * dataset.dtype.itemsize > stored_bytes(dataset):
         raise SessionError(f"claims {dataset.shape} values that are not there", place=dataset.name)
-    if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
+    most = min(MOST_CHUNK_BYTES, file_bytes(dataset)) if dataset.size and not salvage else MOST_CHUNK_BYTES
+    if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > most:
         raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
+
+
+def stored_bytes(dataset: h5py.Dataset) -> int:
+    """Bytes of a dataset in the file, at most all of them; raises `SessionError` without an index."""
+    try:
+        return min(int(dataset.id.get_storage_size()), file_bytes(dataset))
+    except RuntimeError as error:
+        raise SessionError(f"its index is damaged: {error}", place=dataset.name) from error
+
+
+def file_bytes(node: h5py.Group | h5py.Dataset) -> int:
+    """Bytes of the file that an object lies in, without those that it has lost but counts."""
+    file = h5py.h5i.get_file_id(node.id)
+    return real_bytes(file.name) or int(file.get_filesize())
+
+
+def unknown_rows(group: h5py.Group, column: Column, rows: int) -> AnyArray:
+    """Rows of a column that a file never had; raises `SessionError` where no such file could have them.
+
+    That so many rows are there is known of other columns, which may be a thousand times as narrow.
+    """
+    if rows * column.row_bytes > file_bytes(group):
+        raise SessionError(f"lacks {rows} rows of {column.shape}", place=f"{group.name}/{column.name}")
+    return column.unknown(rows)
 
 
 def check_packed(dataset: h5py.Dataset) -> None:
@@ -149,7 +172,7 @@ def check_packed(dataset: h5py.Dataset) -> None:
     largest: list[Any] = []
 
     def visit(chunk: Any) -> None:
-        if chunk.size * _DEFLATE_RATIO > _MOST_INFLATED_BYTES:
+        if chunk.size * DEFLATE_RATIO > _MOST_INFLATED_BYTES:
             largest.append(chunk.chunk_offset)
 
     with contextlib.suppress(RuntimeError, OSError):  # what has no index is not inflated either
@@ -168,14 +191,16 @@ def check_packed(dataset: h5py.Dataset) -> None:
 
 def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:
     """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
-    spans: list[IntArray] = []
+    spans: list[tuple[int, int]] = []
     row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
 
     def visit(chunk: Any) -> None:
         first = int(chunk.chunk_offset[0])
         rows = min((end - chunk.byte_offset) // row_bytes, dataset.chunks[0], dataset.shape[0] - first)
-        spans.append(np.arange(first, first + max(0, rows), dtype=np.int64))
+        spans.append((first, first + max(0, rows)))
 
     with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
         dataset.id.chunk_iter(visit)
-    return np.sort(np.concatenate([np.empty(0, np.int64), *spans]))
+    if sum(last - first for first, last in spans) * row_bytes > end:  # many chunks at one place
+        raise SessionError("its index is damaged", place=dataset.name)
+    return np.sort(np.concatenate([np.empty(0, np.int64), *(np.arange(*span) for span in spans)]))

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial, reduce
 from itertools import repeat
 
 import h5py
@@ -25,11 +25,11 @@ from fieldkit.model.limits import Bounds, Excess, bounds_of, changed_rows, exces
 from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.sessions import stored
 from fieldkit.sessions.chunks import is_packed, read_block
 from fieldkit.sessions.layout import FILL_COUNT, MOST_BLOCK_BYTES, block_rows, chunk_shape, stream_columns
 from fieldkit.sessions.records import build_sample, stored_crc32s
 from fieldkit.sessions.sample_fields import from_columns
-from fieldkit.sessions.stored import check_packed, closed_error, columns_of, dataset_of, group_of, whole_rows
 from fieldkit.sessions.time_map import StoredTimes
 
 Columns = dict[str, AnyArray]
@@ -91,9 +91,9 @@ class StreamReader:
         self.bounds: Bounds = bounds_of(info, changed_rows({}, site.body) | dict(info.limits))
         self.damaged: set[int] = set()
         self._times = times
-        self._group = group_of(file, info.name)
+        self._group = stored.group_of(file, info.name)
         self._declared = {column.name: column for column in stream_columns(info)}
-        self._columns = columns_of(self._group, self._declared.values(), salvage=salvage)
+        self._columns = stored.columns_of(self._group, self._declared.values(), salvage=salvage)
         self._stored_frames = self._open_frames() if info.is_camera else []
         self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
@@ -104,9 +104,9 @@ class StreamReader:
         return [self._frame_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
 
     def _frame_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
-        dataset = dataset_of(self._group, name, shape, "u2")
+        dataset = stored.dataset_of(self._group, name, shape, "u2")
         block = (chunk_shape(self.info)[0], *shape)
-        if 2 * math.prod(block) > MOST_BLOCK_BYTES:
+        if 2 * math.prod(block) > _most_bytes(dataset):
             raise SessionError(f"frames of {shape}, larger than any camera's", place=dataset.name)
         chunks = dataset.chunks or (math.inf,)
         if any(side > most for side, most in zip(chunks, block, strict=False)):
@@ -119,7 +119,7 @@ class StreamReader:
 
     def _require_open(self) -> None:
         if not self._group:
-            raise closed_error(self._times.path)
+            raise stored.closed_error(self._times.path)
 
     def _datasets(self) -> Iterator[h5py.Dataset]:
         self._require_open()
@@ -133,10 +133,9 @@ class StreamReader:
 
     def whole_rows(self, end: int) -> IntArray:
         """Rows of which everything but the frame lies in the first `end` bytes of the file."""
-        rows: IntArray = np.arange(len(self))
-        for dataset in self._columns.values():
-            rows = np.intersect1d(rows, whole_rows(dataset, end), assume_unique=True)
-        return rows
+        rows = (stored.whole_rows(dataset, end) for dataset in self._columns.values())
+        whole: IntArray = reduce(partial(np.intersect1d, assume_unique=True), rows)
+        return whole[whole < len(self)]
 
     def refresh(self) -> None:
         """See what a living writer has added."""
@@ -150,7 +149,7 @@ class StreamReader:
         """
         end = len(self) if stop is None else min(stop, len(self))
         if name not in self._columns:
-            return self._declared[name].unknown(max(0, end - start))
+            return stored.unknown_rows(self._group, self._declared[name], max(0, end - start))
         return _rows(self._columns[name], start, end)
 
     def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:
@@ -173,7 +172,7 @@ class StreamReader:
         Raises `SessionError` where a block is larger than declared.
         """
         for dataset in self._stored_frames:
-            check_packed(dataset)
+            stored.check_packed(dataset)
         return self._stored_frames
 
     def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
@@ -267,7 +266,7 @@ class StreamReader:
         """The rows from `start` to `stop`, each compared with its checksum."""
         end = len(self) if stop is None else min(stop, len(self))
         for begin, last in _spans(start, end, self._block_rows):
-            block = {name: self.column(name, begin, last) for name in self._columns}
+            block = {name: self.column(name, begin, last) for name in self._declared}
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
                 frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]
@@ -301,6 +300,15 @@ class StreamReader:
                 return np.concatenate(frames), np.concatenate(lost)
         missing = np.broadcast_to(np.uint16(FILL_COUNT), (stop - start, *dataset.shape[1:]))
         return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
+
+
+def _most_bytes(dataset: h5py.Dataset) -> int:
+    """Most bytes of a block of frames: what is there of all of them must be able to fill one."""
+    try:
+        packed = stored.stored_bytes(dataset)
+    except SessionError:  # a damaged index costs the frames that it leads to, not all the session
+        packed = stored.file_bytes(dataset)
+    return min(MOST_BLOCK_BYTES, stored.DEFLATE_RATIO * packed) if len(dataset) else MOST_BLOCK_BYTES
 
 
 def _bodies(columns: Columns, frames: list[CountArray]) -> Iterable[tuple[AnyArray, AnyArray]]:

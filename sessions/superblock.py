@@ -10,6 +10,8 @@ Format Specification", version 3.0, II.A; checksum: Bob Jenkins, lookup3.c, publ
 from __future__ import annotations
 
 import io
+import os
+import re
 import struct
 from pathlib import Path
 
@@ -21,6 +23,7 @@ SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _WRITTEN, _SHARED = 1, 4
 _MASK = 0xFFFFFFFF
 CHECK_PATH = "check the path; " + Action.LIST_SESSIONS() + " shows the sessions of a campaign"
+_NAME = re.compile(rb"<mended session of (\d+) bytes>")  # from a dataset only the file's name can be had
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
 
 
@@ -42,6 +45,12 @@ def _superblock(path: Path) -> bytes:
     if head[_VERSION] != 3:
         raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
     return head
+
+
+def real_bytes(name: bytes) -> int:
+    """Bytes that a mended file has on the disk, by the name that HDF5 knows it by; 0 for other files."""
+    mended = _NAME.fullmatch(name)
+    return int(mended[1]) if mended else 0
 
 
 def mend(superblock: bytes, length: int) -> bytes:
@@ -119,6 +128,10 @@ class MendedFile(io.RawIOBase):
         self._length = max(self._file.seek(0, io.SEEK_END), _recorded_end(head))
         self._head = mend(head, self._length)
         self._position = 0
+
+    def __repr__(self) -> str:
+        """The name that HDF5 knows the file by."""
+        return f"<mended session of {os.fstat(self._file.fileno()).st_size} bytes>"
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move; returns the new position."""
