@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 @click.option(
     "--clock-offset",
     "offset_s",
-    default="0s",
     type=CLOCK_OFFSET,
-    help="Add to the times of frames or a table, if their clock was slow; auto finds a table's from --into.",
+    help="Add to the times of SOURCE, if its clock was slow; auto finds a table's from --into. "
+    "[default: 0s; of a session, measured]",
 )
 @click.option(
     "--unit",
@@ -78,7 +78,8 @@ def command(source: Path, out: Path | None, into: Path | None, **stated: Any) ->
 
     PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
     or folders of them; tables, also of Campbell and HOBO loggers; SURFRAD, BSRN;
-    downloads and radiation tables of the Japan Meteorological Agency.
+    downloads and radiation tables of the Japan Meteorological Agency. With --into also another session,
+    which a second recorder took at the same place and time.
 
     The session gets the regions of the campaign; draw them before or after (fieldkit roi).
     """

@@ -70,7 +70,9 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
         click.echo(f"  region {region['name']:<12} {region['kind']:<10} {true}")
     for slope, row in zip(slopes, document["slopes"], strict=True):
         click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {row['at']}")
-    for entry, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
+    shown = list(zip(document["events"], events, strict=True))
+    joined = [row for row in shown[:-_LAST_EVENTS] if "offset_s" in row[1].data]
+    for entry, event in (*joined, *shown[-_LAST_EVENTS:]):
         click.echo(f"  {entry['at']}  {entry['kind']:<10} {entry['stream']} {event_text(event)}".rstrip())
 
 

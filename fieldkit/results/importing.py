@@ -24,13 +24,20 @@ from fieldkit.model.site import Site, apart_m, known_zone
 from fieldkit.results import import_flir
 from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
-from fieldkit.results.sources import SessionOrFile, log_warning, reading
+from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
 from fieldkit.sessions.formats import stills
 from fieldkit.sessions.formats.imported import ImportedRecording, possible, write_imported
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
+from fieldkit.sessions.formats.joined import (
+    clock_difference,
+    is_session,
+    join,
+    recording_of,
+    require_joinable,
+)
 from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.logs import LogOptions, read_log
-from fieldkit.sessions.formats.merged import align, cut_session, merge
+from fieldkit.sessions.formats.merged import Alignment, align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.layout import SessionHeader, is_stream_name
@@ -68,8 +75,9 @@ class ImportOptions:
     zone : str, optional
         IANA time zone of times that have none.
     offset_s : float or "auto"
-        Seconds to add to the times of frames or of a table, if their clock was slow; ``auto`` finds those of
-        a table from the session it is merged into.
+        Seconds to add to the times of frames, of a table or of a session, if their clock was slow; ``auto``
+        finds those of a table from the session it is merged into. Those of a session are found where none are
+        given.
     unit : str
         Unit of a table's values where its header has none; of frames of floating-point temperatures.
     columns : tuple of str
@@ -88,7 +96,7 @@ class ImportOptions:
     >>> tokyo = fieldkit.Site(35.68, 139.77, 25.0, "Asia/Tokyo")
     >>> options = fieldkit.ImportOptions(site=tokyo, zone="Asia/Tokyo", time_format="%Y%m%dT%H%M%S")
     >>> options.zone, options.offset_s
-    ('Asia/Tokyo', 0.0)
+    ('Asia/Tokyo', None)
     """
 
     name: str | None = None
@@ -99,7 +107,7 @@ class ImportOptions:
     times: Path | None = None
     time_format: str | None = None
     zone: str | None = None
-    offset_s: float | Literal["auto"] = 0.0
+    offset_s: float | Literal["auto"] | None = None
     unit: str = ""
     columns: tuple[str, ...] = ()
     time_columns: tuple[str, ...] = ()
@@ -109,7 +117,7 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
-        offset_s = 0.0 if self.offset_s == AUTO else self.offset_s
+        offset_s = 0.0 if self.offset_s in (None, AUTO) else self.offset_s
         for is_wrong, field, example, others in (
             (self.name and not is_stream_name(self.name), "name", "logger2", ""),
             (self.zone and known_zone(self.zone) is None, "zone", "Asia/Tokyo", ", or UTC"),
@@ -233,6 +241,8 @@ def import_into(
     """
     source, options = Path(source), options or ImportOptions()
     _refuse_unused(source, options, {"title", "site"}, "merged into a session, which keeps site and title")
+    if is_session(source):
+        return _join(session, source, out, options)
     recording = read_source(source, options)
     stream_name = options.name or recording.streams[0].name
     with reading(session) as opened:
@@ -244,6 +254,28 @@ def import_into(
         recording = possible(recording, _limits_of(opened), opened.site)
         recording = _warned_of_irradiance(opened, recording)
         return ImportedSession.of(merge(opened, recording, path, str(source)), recording)
+
+
+def _join(
+    session: SessionOrFile, source: Path, out: str | Path | None, options: ImportOptions
+) -> ImportedSession:
+    """Both sessions as a new one, `source` on the clock of `session`."""
+    unused = {field.name for field in fields(options)} - {"name", "offset_s"}
+    _refuse_unused(source, options, unused, "a session")
+    with reading(session) as opened, reading(source) as other:
+        require_joinable(opened, other)
+        if options.offset_s is None or options.offset_s == AUTO:
+            clock = clock_difference(opened, other)
+        else:
+            clock = Alignment(options.offset_s, math.nan, math.nan, "as stated")
+        recording = recording_of(opened, other, clock, options.name)
+        if keys := configured_otherwise(opened, other):
+            text = f"slopes use the settings of {opened.path.name}, not {', '.join(keys)} of {source.name}"
+            recording = _with_warning(recording, text)
+        recording = _warned_of_irradiance(opened, recording)
+        default = opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5")
+        path = default if out is None else Path(out)
+        return ImportedSession.of(join(opened, other, recording, clock, path), recording)
 
 
 def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
@@ -370,6 +402,10 @@ def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str
         raise ConfigError(f"is {name}: " + names + " would have no effect", place=source, fix="omit " + names)
 
 
+def _refuse_session(source: Path, options: ImportOptions) -> ImportedRecording:
+    raise ConfigError("is a session already", place=source, fix="join it: " + Action.IMPORT_INTO(source))
+
+
 def _is_flir(source: Path) -> bool:
     """A FLIR file, or a folder of them; JPEGs beside other frames are only to look at."""
     if source.is_dir():
@@ -429,7 +465,7 @@ def _is_table(source: Path) -> bool:
 def _table(source: Path, options: ImportOptions) -> ImportedRecording:
     log_options = LogOptions(
         zone=_zone(options),
-        offset_ns=0 if options.offset_s == AUTO else round(options.offset_s * 1e9),
+        offset_ns=0 if options.offset_s == AUTO else _offset_ns(options),
         **attributes(options, *(_TABLE - {"zone", "offset_s"})),
     )
     return read_log(source, options.name or "logger", log_options)
@@ -439,7 +475,7 @@ def _offset_ns(options: ImportOptions) -> int:
     """The offset of frames, which cannot be found from a session's streams."""
     if options.offset_s == AUTO:
         raise ConfigError("auto aligns readings, not frames", place=_OFFSET, fix=Argument("offset_s", 83))
-    return round(options.offset_s * 1e9)
+    return round((options.offset_s or 0.0) * 1e9)
 
 
 def _zone(options: ImportOptions) -> ZoneInfo | None:
@@ -464,6 +500,7 @@ _FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
 _READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
 _TABLE = frozenset({*_READINGS, "time_format", "time_columns", "encoding"})
 _FORMATS = (
+    _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES),
     _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES),
     _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station),

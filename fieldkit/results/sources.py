@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -155,6 +156,15 @@ def config_for(session: SessionReader, settings: Settings = (), *, present: bool
             fix="put it into recordings/ of a campaign, and draw regions there: " + Action.ADD_REGION(),
         ) from error
     return load_config(campaign_file, settings=settings)
+
+
+def configured_otherwise(session: SessionReader, other: SessionReader) -> list[str]:
+    """Keys of an estimate whose values in the configuration of `other` are not those of `session`."""
+    if not session.config_toml:
+        return []
+    own, their = (tomllib.loads(opened.config_toml) for opened in (session, other))
+    keys = ((name, key) for name in TABLES for key in their.get(name, {}))
+    return [f"{name}.{key}" for name, key in keys if own.get(name, {}).get(key) != their[name][key]]
 
 
 def _site_settings(site: Site) -> tuple[str, ...]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +20,9 @@ from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, 
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, StampedClock
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader
-from fieldkit.sessions.records import RegionRecord
+from fieldkit.sessions.records import Entry, RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
 from fieldkit.sessions.writer import SessionWriter
@@ -62,19 +65,40 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
             fix="check " + Argument("zone") + " and " + Argument("offset_s") + " of the logger",
         )
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
+    began_ns = session.identity.start_ns
+    # the regions drawn before the start are in the header
+    entries = (
+        entry
+        for entry in session.entries()
+        if not isinstance(entry, RegionRecord) or entry.time_ns > began_ns
+    )
+    notes = ((Severity.INFO, f"stream added from {source}"), *imported.notes)
+    events = [Event(EventKind.IMPORTED, 0, 0, text, "", severity) for severity, text in notes]
+    return write_together(session, header, entries, imported.samples, path, events, session.start_ns)
+
+
+def write_together(
+    session: SessionReader,
+    header: SessionHeader,
+    entries: Iterable[Entry],
+    added: Iterable[Sample],
+    path: Path,
+    notes: Iterable[Event],
+    start_ns: int,
+) -> SealReport:
+    """Write the samples of a session and those added to it as a new session, and seal it.
+
+    `entries` are as the session's clocks recorded them; `notes` are events of its start, at `start_ns`.
+    """
     steps = session.time_map()
-    clock = StampedClock(recorded_mono_ns(steps, session.start_ns, session.anchor_ns), session.anchor_ns)
+    clock = StampedClock(recorded_mono_ns(steps, start_ns, session.anchor_ns), session.anchor_ns)
     writer = SessionWriter(path, header, clock)
     try:
-        began_ns = session.identity.start_ns
-        for entry in session.entries():
-            # the regions drawn before the start are in the header
-            if not isinstance(entry, RegionRecord) or entry.time_ns > began_ns:
-                writer.put(entry)
-        for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.notes):
-            now = clock.mono_ns()
-            writer.put(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
-        for sample in _by_time(session, imported.samples, steps):
+        now = clock.mono_ns()
+        at_start = (replace(note, mono_ns=now, time_ns=clock.to_utc_ns(now)) for note in notes)
+        for entry in chain(entries, at_start):
+            writer.put(entry)
+        for sample in _by_time(session, added, steps):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
     except BaseException:
@@ -109,25 +133,21 @@ def align(session: SessionReader, imported: ImportedRecording) -> ImportedRecord
     Raises `NoAnswerError` where no stream of the session determines the offset.
     """
     readings = [sample for sample in imported.samples if isinstance(sample, Reading)]
-    name, alignment = _best_stream(session, imported.streams, readings)
-    shift_ns = round(alignment.offset_s * 1e9)
+    alignment = _best_alignment(session, imported.streams, readings)
+    shift_ns = alignment.offset_ns
     shifted = [
         reading._replace(time_ns=reading.time_ns + shift_ns, mono_ns=reading.mono_ns + shift_ns)
         for reading in readings
     ]
-    note = (
-        f"clock offset {alignment.offset_s:+.1f} s ± {alignment.uncertainty_s:.1f} s (k=2) found on {name}, "
-        f"correlation {alignment.correlation:.3f}"
-    )
-    notes = [*imported.notes, (Severity.INFO, note)]
+    notes = [*imported.notes, (Severity.INFO, str(alignment))]
     if abs(alignment.offset_s) > _ZONE_S:
         notes.append((Severity.WARNING, "too much for a clock's drift: check its zone and summer time"))
     return ImportedRecording(imported.streams, shifted, tuple(notes), imported.site)
 
 
-def _best_stream(
+def _best_alignment(
     session: SessionReader, streams: Sequence[StreamInfo], readings: Sequence[Reading]
-) -> tuple[str, Alignment]:
+) -> Alignment:
     """The time series that determines the offset of the log best, whichever of its streams it is of."""
     start_ns = session.start_ns
     alignments, why = [], ""
@@ -136,7 +156,7 @@ def _best_stream(
         log = _time_series(_points(own, bounds_of(info)), start_ns)
         for name, series in _all_series(session, info.quantity, start_ns):
             try:
-                alignments.append((name, best_offset(log, series)))
+                alignments.append(replace(best_offset(log, series), source=f"found on {name}"))
             except NoAnswerError as error:
                 why = f"{name}: {error.message}"
     if not alignments:
@@ -147,7 +167,7 @@ def _best_stream(
             place=session.path,
             fix="give it, such as " + Argument("offset_s", 12),
         )
-    return min(alignments, key=lambda pair: pair[1].uncertainty_s)
+    return min(alignments, key=lambda alignment: alignment.uncertainty_s)
 
 
 def _points(readings: Iterable[Reading], bounds: Bounds) -> Iterator[tuple[int, float]]:
@@ -162,7 +182,7 @@ def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterato
     """The session's time series of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
         if info.quantity == quantity and not info.is_camera and session.count(name):
-            yield name, _stream_series(session, name, start_ns)
+            yield name, stream_series(session, name, start_ns)
         if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
             series = region_series(session, stream=name)
             good = is_usable(series.flags)
@@ -172,7 +192,8 @@ def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterato
                     yield f"region {region} of {name}", _time_series(points, start_ns)
 
 
-def _stream_series(session: SessionReader, name: str, start_ns: int) -> TimeSeries:
+def stream_series(session: SessionReader, name: str, start_ns: int) -> TimeSeries:
+    """The usable means over the channels of a meter, in seconds since a moment."""
     readings = session.readings(name)
     has_value = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
     means = np.nanmean(readings.values[has_value], axis=1)
@@ -219,11 +240,25 @@ class TimeSeries:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Offset to add to a log's times: seconds, their expanded uncertainty (k=2), the correlation there."""
+    """Offset to add to a log's times: seconds, their expanded uncertainty (k=2), the correlation there.
+
+    `source` is what it was found on. What is not known is NaN: of an offset that was stated, the uncertainty.
+    """
 
     offset_s: float
     uncertainty_s: float
     correlation: float
+    source: str = ""
+
+    @property
+    def offset_ns(self) -> int:
+        """The offset in nanoseconds."""
+        return round(self.offset_s * 1e9)
+
+    def __str__(self) -> str:
+        uncertainty = "" if math.isnan(self.uncertainty_s) else f" ± {self.uncertainty_s:.1f} s (k=2)"
+        correlation = "" if math.isnan(self.correlation) else f", correlation {self.correlation:.3f}"
+        return f"clock offset {self.offset_s:+.1f} s{uncertainty} {self.source}{correlation}"
 
 
 def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
@@ -241,8 +276,8 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
     first, last = _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse
     offsets = coarse * np.arange(first, last + 1)
-    fits = _fits(log, *_bins(reference, coarse), offsets, coarse)
-    grid, y = _bins(reference, finest)
+    fits = _fits(log, *bins(reference, coarse), offsets, coarse)
+    grid, y = bins(reference, finest)
     tops = [_top(log, grid, y, float(offsets[place]), coarse, finest) for place in _peaks(fits)]
     offset, fit = _distinct(sorted(tops, key=lambda top: -top[1]), _REACH * coarse)
     uncertainty = 2.0 * max(_standard_deviation(log, grid, y, offset, coarse, finest), finest * _OF_A_STEP)
@@ -332,7 +367,7 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
     return max(correlation, 0.0) ** 2
 
 
-def _bins(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
+def bins(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
     """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
     place = np.floor((series.time_s - series.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
