@@ -87,7 +87,7 @@ deb: dist
 sbom: $(VENV)/.release
 	rm -rf build/installed
 	$(RUN) -m venv build/installed
-	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,alarms,dask,network,page,pdf,terrain]'
+	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,alarms,dask,files,network,page,pdf,terrain]'
 	mkdir -p $(DIST)
 	$(VENV)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o $(DIST)/sbom.cdx.json build/installed
 
@@ -109,5 +109,5 @@ $(VENV)/.genicam: $(VENV)/.test
 	touch $@
 
 $(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.release: $(VENV)/.%: pyproject.toml constraints.txt $(VENV)/.pip
-	$(PIP) --editable '.[lab,alarms,page,terrain]' --group $*
+	$(PIP) --editable '.[lab,alarms,files,page,terrain]' --group $*
 	touch $@

@@ -7,6 +7,7 @@ series reads only the chunks of the frame that the region lies in, where the sea
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -242,7 +243,12 @@ def _region_series(
         pixels = convert(replace(part, counts=part.counts[:, inside]))
         pixels[is_damaged(part.flags)] = np.nan
         span = slice(part.start, part.start + len(pixels))
-        mean[span], spread[span], flags[span] = pixels.mean(axis=1), pixels.std(axis=1), part.flags
+        has_holes = bool(np.isnan(pixels).any())
+        with warnings.catch_warnings():  # of frames in which no pixel has a value
+            warnings.simplefilter("ignore", RuntimeWarning)
+            mean[span] = (np.nanmean if has_holes else np.mean)(pixels, axis=1)
+            spread[span] = (np.nanstd if has_holes else np.std)(pixels, axis=1)
+        flags[span] = part.flags
     return _RegionSeries(mean, spread, flags, int(inside.sum()))
 
 

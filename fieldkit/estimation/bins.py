@@ -24,14 +24,14 @@ import numpy as np
 
 from fieldkit.estimation.following import GroundFollower, RegionFollower
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.arrays import AnyArray, AnyIntArray, BoolArray, FloatArray, IndexArray, IntArray
+from fieldkit.model.arrays import AnyArray, BoolArray, FloatArray, IndexArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.limits import bounds_of
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.camera_laws import frame_k
+from fieldkit.physics.camera_laws import NO_VALUE, frame_k
 from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.trajectory import CameraPath
@@ -157,7 +157,7 @@ class RegionPixels:
         """The pixels of all regions, one region after the other."""
         return np.asarray(frame.ravel()[self._indices])
 
-    def sums(self, numbers: AnyIntArray, possible: tuple[float, float] = (-math.inf, math.inf)) -> Sums:
+    def sums(self, numbers: AnyArray, possible: tuple[float, float] = (-math.inf, math.inf)) -> Sums:
         """Sums over each region of a frame of whole numbers, exact in float64, of the pixels that can be."""
         totals, squares, pixels = np.zeros((3, self.pixels.size))
         if self._filled.size:
@@ -233,13 +233,17 @@ class CameraStream:
         self._possible = (ends[0], ends[1]) if np.isfinite(self._scale) else (-math.inf, math.inf)
 
     def sums(self, frame: Frame, outline: RegionPixels) -> Sums | None:
-        """Sums over the regions of a frame; None if its law is undefined for any of their pixels."""
+        """Sums over the regions of a frame, of those that can be; None if the law gives none of them."""
         if self._is_linear:
-            return outline.sums(frame.counts, self._possible)
+            counts: AnyArray = frame.counts
+            if (no_value := self.info.settings.get(NO_VALUE)) is not None:
+                counts = np.where(counts == no_value, np.nan, counts)
+            return outline.sums(counts, self._possible)
         kelvin = frame_k(self.info, frame.counts, frame.metadata_rows, np.float32)
-        if not np.isfinite(outline.gather(kelvin)).all():
+        if not np.isfinite(outline.gather(kelvin)).any():
             return None
-        return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64), self._possible)
+        steps = np.rint(np.nan_to_num(kelvin, nan=-1.0) / LAW_STEP_K)  # below any limit
+        return outline.sums(steps.astype(np.int64), self._possible)
 
     def mean_pixels(self, sums: RegionSums) -> IntArray:
         """Pixels of each region in the frames in which it lay, else those of its outline."""

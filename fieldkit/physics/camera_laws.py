@@ -22,6 +22,8 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 
 Law = Callable[[CountArray, CountArray, Mapping[str, Any]], SingleArray]
 
+NO_VALUE = "no_value_count"
+"""Key of a stream's settings: the count of a pixel that has no value, in frames of other programs."""
 HT301_COUNTS = 0x3FFF
 """The highest count: fourteen of the sixteen bits."""
 
@@ -64,7 +66,10 @@ def frame_k(
     if not has_temperatures(info):
         return np.full(counts.shape, np.nan, dtype)
     if info.law == "linear":
-        return linear(counts, info.scale, info.offset, dtype)
+        kelvin = linear(counts, info.scale, info.offset, dtype)
+        if NO_VALUE in info.settings:
+            kelvin[counts == info.settings[NO_VALUE]] = np.nan
+        return kelvin
     try:
         return LAWS[info.law](counts, metadata_rows, info.settings).astype(dtype, copy=False)
     except (ValueError, TypeError, LookupError, ArithmeticError):  # constants or metadata rows of another law

@@ -6,6 +6,7 @@ they came: frames that waited somewhere and arrived in bunches are flagged, not 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -23,6 +24,7 @@ from fieldkit.model.limits import bounds_of, excesses, flag_implausible, labels_
 from fieldkit.model.quantities import Quantity
 from fieldkit.model.samples import NO_COUNTER, Event, EventKind, Frame, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Site
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.seal import SealReport
@@ -101,7 +103,8 @@ def _on_first_frame(frame: Sample | None, info: StreamInfo) -> Iterator[tuple[Se
     if not isinstance(frame, Frame):
         return
     # NaN, and so possible, where counts alone do not give kelvin
-    median_k = float(np.median(frame.counts)) * info.scale + info.offset
+    kelvin = frame_k(info, frame.counts, frame.metadata_rows)
+    median_k = float(np.median(kelvin[np.isfinite(kelvin)])) if np.isfinite(kelvin).any() else math.nan
     bounds = bounds_of(info)
     if bounds.is_exceeded(np.array([median_k])).any():
         possible_k = f"possible: {bounds.low[0]:.4g} to {bounds.high[0]:.4g}"

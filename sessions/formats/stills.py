@@ -1,7 +1,8 @@
-"""Frames of TIFF, 16-bit PNG and InfiRay IRG files, a folder or one alone, times from a table or names.
+"""Frames of TIFF, 16-bit PNG, InfiRay IRG and CSV files, a folder or one alone, times from a table or names.
 
 What a count means is never guessed: it stands in the file, or must be given, or declared unknown. TIFF holds
-counts of 16 bits or temperatures as 32-bit floating-point numbers, which become counts of 0.01 K.
+counts of 16 bits, or other numbers that are temperatures, which become counts of 0.01 K; so do those of CSV.
+A pixel without a value is `NO_VALUE`, which stream settings declare.
 """
 
 from __future__ import annotations
@@ -18,18 +19,24 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldkit import image_codec
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
-from fieldkit.model.next_step import Argument
+from fieldkit.model.next_step import Argument, Text
 from fieldkit.model.quantities import TEMPERATURE, Unit, meaning_of
 from fieldkit.model.samples import Frame, Quality, Severity
+from fieldkit.physics import camera_laws
+from fieldkit.sessions.formats.frame_tables import is_frame_table, read_frame_tables
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb, usual_rate_hz
 from fieldkit.sessions.formats.tiff import Page, read_pages
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, parse_times_ns, plausible_ns
+from fieldkit.sessions.layout import FILL_COUNT
 
-_FIRST_SUFFIXES = (".tif", ".tiff", ".irg")  # beside them PNGs are only to look at
+_FIRST_SUFFIXES = (".tif", ".tiff", ".irg")  # beside them PNGs and tables are only to look at
 SUFFIXES = (*_FIRST_SUFFIXES, ".png")
+
+_KINDS = {".irg": "IRG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF"}
 
 Note = tuple[Severity, str]
 
@@ -38,6 +45,7 @@ _MOST_PIXELS = 1 << 24
 _EXPORT_AGAIN = "export it again, or take it out of the folder"
 
 _UNSIGNED, _SIGNED, _FLOAT, _UNDEFINED = 1, 2, 3, 4  # SampleFormat, TIFF 6.0 section 19
+_WHOLE = (_UNSIGNED, _SIGNED)
 
 _WORDS = {_SIGNED: "signed ", _FLOAT: "floating-point "}
 
@@ -68,17 +76,23 @@ class Scale:
 
 
 _OF_FLOAT = Scale(0.01)
+NO_VALUE = FILL_COUNT
+_HIGHEST = NO_VALUE - 1
 
 
 @dataclass(frozen=True, slots=True)
 class _Still:
-    """A frame: its file, its name in messages, the scale it states, its page of a TIFF, its floats' unit."""
+    """A frame: its file, its name in messages, the scale it states, its page of a TIFF, its pixels' unit.
+
+    `table` are the numbers of a CSV. With `unit` the pixels are temperatures, else counts.
+    """
 
     path: Path
     label: str
     scale: Scale | None
-    page: Page | None = None
     unit: Unit | None = None
+    page: Page | None = None
+    table: AnyArray | None = None
 
     @property
     def flags(self) -> Quality:
@@ -91,32 +105,39 @@ class _Still:
         """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
         if self.path.suffix.lower() == ".irg":
             return read_irg(self.path).counts
-        pixels = self.page.read(self.path) if self.page else _read_png(self.path)
-        if pixels is None or pixels.dtype != (np.float32 if self.unit else np.uint16) or pixels.ndim != 2:
+        page, pixels = self.page, self.table
+        if pixels is None:
+            pixels = page.read(self.path) if page else image_codec.decode(self.path.read_bytes())
+        if pixels is None or not (self.unit or pixels.dtype == np.uint16) or pixels.ndim != 2:
             raise ConfigError("cannot be read as a frame", place=self.label, fix=_EXPORT_AGAIN)
-        return _counts_of(pixels, self.unit) if self.unit else pixels.astype(np.uint16, copy=False)
+        if self.unit is None:
+            return pixels.astype(np.uint16, copy=False)
+        counts = _counts_of(pixels, (page and page.scale) or (1.0, 0.0), self.unit)
+        counts[pixels == (page.no_data if page else math.nan)] = NO_VALUE
+        return counts
+
+    @property
+    def no_value(self) -> float:
+        """The count of a pixel without a value; NaN where each has one."""
+        return NO_VALUE if self.unit else self.page.no_data if self.page else math.nan
 
 
 def image_files(source: Path) -> list[Path]:
     """The frames of a folder, by name; or the one."""
     if not source.is_dir():
         return [source]
-    frames = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
-    return [path for path in frames if path.suffix.lower() in _FIRST_SUFFIXES] or frames
+    paths = sorted(source.iterdir())
+    frames = [path for path in paths if path.suffix.lower() in SUFFIXES]
+    first = [path for path in frames if path.suffix.lower() in _FIRST_SUFFIXES]
+    return first or frames or [path for path in paths if is_frame_table(path)]
 
 
-def _counts_of(values: AnyArray, unit: Unit) -> CountArray:
-    """Temperatures as counts of 0.01 K; what is no temperature becomes an end of the range."""
-    with np.errstate(invalid="ignore"):  # signalling NaNs
-        kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
-    step_k = _OF_FLOAT.kelvin_per_count
-    return np.rint(np.clip(kelvin, 0.0, 0xFFFF * step_k) / step_k).astype(np.uint16)
-
-
-def _read_png(path: Path) -> AnyArray | None:
-    import cv2
-
-    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+def _counts_of(numbers: AnyArray, scale: tuple[float, float], unit: Unit) -> CountArray:
+    """Temperatures as counts of 0.01 K; what is none becomes `NO_VALUE`, or the end of the range."""
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
+        values = numbers.astype(np.float64) * scale[0] + scale[1]
+        counts = np.rint((values + unit.add) / unit.by / _OF_FLOAT.kelvin_per_count)
+    return np.where(counts >= 0.0, np.clip(np.nan_to_num(counts), 0, _HIGHEST), NO_VALUE).astype(np.uint16)
 
 
 def read_stills(
@@ -142,10 +163,12 @@ def read_stills(
             fix="name the folder that has the .tif, .tiff, .irg or .png files, or FLIR's .jpg, .fff or .seq",
         )
     kind = _kind(paths)
-    if kind != "TIFF" and unit:
+    if kind in ("IRG", "PNG") and unit:
         raise _no_unit(source)
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
+    elif kind == "CSV":
+        stills, notes = _table_stills(paths, _temperature_unit(unit), scale), []
     else:
         stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
@@ -153,16 +176,18 @@ def read_stills(
     times_ns = [plausible_ns(at + offset_ns) for at in _times_ns(stills, times, time_format, zone)]
     stamped = sorted(zip(times_ns, stills, strict=True), key=lambda pair: pair[0])
     times_ns.sort()
+    no_values = {still.no_value for still in stills if math.isfinite(still.no_value)}
     info = StreamInfo(
         name, "brightness_temperature", "K", (rows, cols), agreed.kelvin_per_count, agreed.kelvin_at_zero,
         rate_hz=usual_rate_hz(times_ns), driver="import",
+        settings={camera_laws.NO_VALUE: max(no_values)} if no_values else {},
     )  # fmt: skip
     flagged, bunches = flag_bunched(lambda: _frames(stamped, info), times_ns)
     return ImportedRecording((info,), flagged, (*notes, *bunches))
 
 
 def _kind(paths: Sequence[Path]) -> str:
-    kinds = {{".irg": "IRG", ".png": "PNG"}.get(path.suffix.lower(), "TIFF") for path in paths}
+    kinds = {_KINDS.get(path.suffix.lower(), "CSV") for path in paths}
     if len(kinds) > 1:
         fix = "import them from folders of their own"
         raise ConfigError("has TIFF and IRG frames", place=paths[0].parent, fix=fix)
@@ -202,21 +227,30 @@ def _temperature_unit(written: str) -> Unit | None:
     return meaning.unit if meaning else None
 
 
+def _table_stills(paths: Sequence[Path], unit: Unit | None, scale: Scale | None) -> list[_Still]:
+    """The frames of tables: temperatures in the unit given, or counts where a scale is given."""
+    stills = []
+    for path in paths:
+        for table in read_frame_tables(path):
+            is_counts = not (table % 1.0).any() and table.min() >= 0.0 and table.max() <= NO_VALUE
+            if unit is None and not (scale and is_counts):
+                raise ConfigError("has numbers without a unit", place=path, fix=_UNIT_OF_FLOAT)
+            own = _OF_FLOAT if unit else None
+            numbers: AnyArray = table if unit else table.astype(np.uint16)
+            stills.append(_Still(path, str(path), own, unit, table=numbers))
+    return stills
+
+
 def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[Note]]:
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
-    if unit and not any(page.kind == _FLOAT for those in pages.values() for page in those):
-        raise _no_unit(paths[0])
-    scale_unit = _temperature_unit(unit)
     stills = []
     for path, those in pages.items():
         for number, page in enumerate(those, start=1):
             label = f"page {number} of {len(those)} of {path}" if those[1:] else str(path)
             if page.is_frame:
-                scale = _OF_FLOAT if scale_unit else _own(page)
-                stills.append(_Still(path, label, scale, page, scale_unit))
-    for still in stills:
-        _refuse_other_numbers(still)
+                _refuse_pixels(label, math.prod(page.shape))
+                stills.append(_Still(path, label, *_meaning(page, label, unit), page))
     for path, those in pages.items():
         refuse_bomb(path, sum(2 * math.prod(page.shape) for page in those if page.is_frame))
     notes = []
@@ -230,7 +264,7 @@ def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[N
 
 def _pages(path: Path) -> list[Page]:
     try:
-        pages = list(read_pages(path))
+        pages = read_pages(path)
     except (OSError, ValueError) as error:
         raise ConfigError(
             f"cannot be read as a frame: {message_of(error)}", place=path, fix=_EXPORT_AGAIN
@@ -240,32 +274,35 @@ def _pages(path: Path) -> list[Page]:
     return pages
 
 
-def _own(page: Page) -> Scale | None:
-    return None if page.tags is None else Scale(page.tags.scale, page.tags.offset)
+def _meaning(page: Page, label: str, unit: str) -> tuple[Scale | None, Unit | None]:
+    """The scale that a page states of its counts, or the unit of its temperatures.
 
-
-def _refuse_other_numbers(still: _Still) -> None:
-    """All but one unsigned 16-bit number per pixel: OpenCV scales or converts some without a word.
-
-    With a unit, all but one 32-bit floating-point number.
+    Raises `ConfigError` for all but one number per pixel, and for numbers that nothing explains.
     """
-    page = still.page
-    if page is None:
-        return
-    _refuse_pixels(still.label, math.prod(page.shape))
+    stated = meaning_of(page.unit)
+    own = stated.unit if stated and stated.quantity.units == TEMPERATURE else None
+    is_scaled = bool(own or page.scale)
     is_counts = (page.channels, page.bits) == (1, 16) and page.kind in (_UNSIGNED, _UNDEFINED)
-    is_float = (page.channels, page.bits, page.kind) == (1, 32, _FLOAT)
-    if is_float if still.unit else is_counts:
-        return
-    if is_counts:
-        raise _no_unit(still.label)
+    if is_counts and (page.tags or not is_scaled):
+        if unit:
+            raise _no_unit(label)
+        return Scale(page.tags.scale, page.tags.offset) if page.tags else None, None
+    option = _temperature_unit(unit)
+    if own and option and own != option:
+        problem = f"states the unit {own.shown}, not {option.shown}"
+        raise ConfigError(problem, place=label, fix="omit " + Argument("unit"))
+    meant = own or option
+    is_number = page.channels == 1 and (page.kind == _FLOAT or (is_scaled and page.kind in _WHOLE))
+    if meant and is_counts:
+        gain, offset = page.scale or (1.0, 0.0)
+        return Scale(gain / meant.by, (offset + meant.add) / meant.by), None
+    if meant and is_number:
+        return _OF_FLOAT, meant
     one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
     numbers = one if page.channels == 1 else f"{page.channels} channels"
-    raise ConfigError(
-        f"has {numbers}, not one unsigned 16-bit number per pixel",
-        place=still.label,
-        fix=_UNIT_OF_FLOAT if is_float else _NOT_COLOURED,
-    )
+    words = "scaled, without a unit" if is_scaled else "not one unsigned 16-bit number per pixel"
+    fix: Text = _UNIT_OF_FLOAT if is_number or is_scaled else _NOT_COLOURED
+    raise ConfigError(f"has {numbers}, {words}", place=label, fix=fix)
 
 
 def _no_unit(place: str | Path) -> ConfigError:
@@ -335,7 +372,7 @@ def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator
                 place=still.label,
                 fix="import frames of different sizes from folders of their own",
             )
-        ends = still.unit and (counts.min() == 0 or counts.max() == 0xFFFF)  # no data, or no temperature
+        ends = still.unit and (counts == _HIGHEST).any()
         flags = still.flags | (Quality.SATURATED if ends else Quality.GOOD)
         yield Frame(info.name, stamp, stamp, counts, empty, flags, device_seq=number)
 

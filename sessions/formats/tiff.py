@@ -1,35 +1,35 @@
-"""16-bit TIFF frames: pages of any program's files, and frames written with what a count means and when.
+"""TIFF frames: those of any program's files, and frames written with what a count means and when.
 
-Scale, offset and unit stand in GDAL's metadata, which geographic programs read, the time in TIFF's own tag,
-and all of it with the time to the microsecond and the flags as JSON in the description.
+Scale, offset, unit and the marker of pixels without a value stand in GDAL's tags, which geographic programs
+read, the time in TIFF's own tag, and all of it with the time to the microsecond and the flags as JSON in the
+description. Frames may stand one behind another after a single directory, as ImageJ and tifffile write them.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import math
-import mmap
 import struct
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 
+from fieldkit import image_codec
 from fieldkit.model.arrays import AnyArray, CountArray
+from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.installation import install_extra
 
-# TIFF 6.0, sections 4, 8, 12 and 19; 42112 is GDAL's
-_NEW_SUBFILE, _SUBFILE, _BITS, _ORIENTATION, _SAMPLES, _SAMPLE_FORMAT = 254, 255, 258, 274, 277, 339
-_WIDTH, _LENGTH, _DESCRIPTION, _SOFTWARE, _DATE_TIME, _GDAL_METADATA = 256, 257, 270, 305, 306, 42112
-_ASCII, _SHORT, _LONG = 2, 3, 4
-_DEFLATE, _BLACK_IS_ZERO = 8, 1
-_REDUCED_OR_MASK, _REDUCED = 0b101, 2  # of NewSubfileType; of its predecessor
-_NUMBERS = {1: "B", _SHORT: "H", _LONG: "I", 16: "Q"}
-_MOST_DESCRIPTION_BYTES = 65_536
-_MOST_BYTES = 1 << 31  # of OpenCV's arrays
+if TYPE_CHECKING:
+    from tifffile import TiffFile, TiffPage
+
+_GDAL_METADATA, _GDAL_NODATA = 42112, 42113
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +47,16 @@ class TiffTags:
 
 
 def write_tiff(path: Path, counts: CountArray, tags: TiffTags, software: str) -> None:
-    """One frame (rows, cols) with its tags; raises `OSError`."""
-    rows, cols = counts.shape
-    strip = zlib.compress(counts.astype("<u2").tobytes(), 1)
-    moment = datetime.fromisoformat(tags.time).strftime("%Y:%m:%d %H:%M:%S")
-    entries: dict[int, tuple[int, Any]] = {
-        _WIDTH: (_LONG, cols), _LENGTH: (_LONG, rows), _BITS: (_SHORT, 16), 259: (_SHORT, _DEFLATE),
-        262: (_SHORT, _BLACK_IS_ZERO), _DESCRIPTION: (_ASCII, _description(tags)), 273: (_LONG, 8),
-        _SAMPLES: (_SHORT, 1), 278: (_LONG, rows), 279: (_LONG, len(strip)), _SOFTWARE: (_ASCII, software),
-        _DATE_TIME: (_ASCII, moment), _GDAL_METADATA: (_ASCII, _gdal(tags)),
-    }  # fmt: skip
-    strip += b"\0" * (len(strip) % 2)  # a directory begins at an even byte
-    at = 8 + len(strip)
-    path.write_bytes(struct.pack("<2sHI", b"II", 42, at) + strip + _directory(entries, at))
+    """One frame (rows, cols) with its tags; a pixel of 0 has no temperature. Raises `OSError`."""
+    from tifffile import imwrite
+
+    texts = [(_GDAL_METADATA, _gdal(tags)), (_GDAL_NODATA, "" if math.isnan(tags.scale) else "0")]
+    imwrite(
+        path, counts.astype("<u2"), byteorder="<", photometric="minisblack", compression="zlib",
+        metadata=None, description=_description(tags), software=software,
+        datetime=datetime.fromisoformat(tags.time).replace(tzinfo=None, microsecond=0),
+        extratags=[(tag, "s", 0, text, True) for tag, text in texts if text],
+    )  # fmt: skip
 
 
 def _description(tags: TiffTags) -> str:
@@ -75,44 +72,14 @@ def _gdal(tags: TiffTags) -> str:
     return f"<GDALMetadata>{''.join(lines)}</GDALMetadata>"
 
 
-def _directory(entries: Mapping[int, tuple[int, Any]], at: int) -> bytes:
-    """The image file directory that begins at byte `at`, with the texts behind it."""
-    behind, packed = b"", [struct.pack("<H", len(entries))]
-    texts_at = at + 2 + 12 * len(entries) + 4
-    for tag, (kind, value) in sorted(entries.items()):
-        if kind == _ASCII:
-            text = value.encode("ascii", "replace") + b"\0"
-            packed.append(struct.pack("<HHII", tag, kind, len(text), texts_at + len(behind)))
-            behind += text
-        else:
-            packed.append(struct.pack("<HHII", tag, kind, 1, value))
-    return b"".join(packed) + struct.pack("<I", 0) + behind
-
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """Form of a file's directories: byte order, and struct's codes; byte `first_at` names the first."""
-
-    order: str
-    first_at: int
-    place: str
-    count: str
-    entry: str
-
-
-_LAYOUTS = {
-    magic + struct.pack(f"{order}H", version): _Layout(order, *more)
-    for magic, order in ((b"II", "<"), (b"MM", ">"))
-    for version, more in ((42, (4, "I", "H", "HHI4s")), (43, (8, "Q", "Q", "HHQ8s")))  # 43: BigTIFF
-}
-
-
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One page of a TIFF, as its directory describes it.
+    """One frame of a TIFF, as its directory describes it.
 
     `shape` is (rows, cols); `kind` of its numbers 1 for unsigned, 2 signed, 3 floating-point (SampleFormat);
     `is_frame` holds of all but smaller copies and masks of other pages; `tags` are what `write_tiff` wrote.
+    Where GDAL's tags state it, a value in `unit` is a number x `scale[0]` + `scale[1]`, and `no_data` the
+    number of pixels without one.
     """
 
     shape: tuple[int, int]
@@ -122,102 +89,151 @@ class Page:
     orientation: int
     is_frame: bool
     tags: TiffTags | None
-    _layout: _Layout
-    _at: int
-    _oriented_at: int
+    scale: tuple[float, float] | None
+    unit: str
+    no_data: float
+    _directory_at: int
+    _behind: int | None = None
+    """Which of several frames after one directory, from 0."""
 
     def read(self, path: Path) -> AnyArray | None:
-        """The image as it is stored, (rows, cols); None where it does not decode. Raises `OSError`."""
-        import cv2
+        """The image as it is stored, (rows, cols); None where it does not decode.
 
-        with path.open("rb") as file:
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
-        # OpenCV reads the page that comes first, and turns it by its tag
-        struct.pack_into(self._layout.order + self._layout.place, data, self._layout.first_at, self._at)
-        if self._oriented_at:
-            struct.pack_into(self._layout.order + "H", data, self._oriented_at, 1)
+        Raises `OSError`, and `ConfigError` for a compression that needs a further package.
+        """
         try:
-            cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # unknown tags are harmless
-            return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        except cv2.error:  # larger than OpenCV allows
+            with _open(path, "") as file:
+                return self._pixels(path, file)
+        except ConfigError:
+            raise
+        except ValueError:
             return None
 
+    def _pixels(self, path: Path, file: TiffFile) -> AnyArray | None:
+        from tifffile import COMPRESSION, TiffPage
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """A tag: how many values, the first as a number (0 of text), and the bytes of them or of their place."""
-
-    length: int
-    number: int
-    value: bytes
-    at: int
-
-
-def read_pages(path: Path) -> Iterator[Page]:
-    """The pages of a TIFF or BigTIFF, in order; raises `OSError`, or `ValueError` where it is damaged."""
-    if path.stat().st_size >= _MOST_BYTES:
-        raise ValueError("it has more than 2 GB")
-    with path.open("rb") as file:
-        layout = _LAYOUTS.get(file.read(4))
-        if layout is None:
-            raise ValueError("it does not begin as a TIFF")
+        file.filehandle.seek(self._directory_at)
+        page = TiffPage(file, 0)
+        if self._behind is not None:
+            at = page.dataoffsets[0] + self._behind * page.nbytes
+            numbers = np.dtype(f"{file.byteorder}{np.dtype(page.dtype).char}")
+            pixels = np.fromfile(path, numbers, math.prod(self.shape), offset=at)
+            return pixels.reshape(self.shape).astype(page.dtype)
         try:
-            yield from _pages(file, layout)
-        except struct.error as error:
-            raise ValueError("it ends within a directory") from error
+            return page.asarray(maxworkers=1)
+        except (ImportError, ValueError) as error:
+            if isinstance(error, ValueError) and "imagecodecs" not in str(error):
+                return None
+            decoded = image_codec.decode(_with_one_page(path, file, page))
+            if decoded is None:
+                problem = f"compressed as {COMPRESSION(page.compression).name}"
+                raise ConfigError(problem, place=path, fix=install_extra("files")) from error
+            return decoded
 
 
-def _pages(file: BinaryIO, layout: _Layout) -> Iterator[Page]:
-    (at,), places = _unpack(file, layout.first_at, layout, layout.place), set[int]()
-    while at:
-        if at in places:
-            raise ValueError("its directories form a circle")
-        places.add(at)
-        entries = _entries(file, layout, at)
-        (following,) = _unpack(file, file.tell(), layout, layout.place)
-        yield _page(file, layout, at, entries)
-        at = following
+def _with_one_page(path: Path, file: TiffFile, page: TiffPage) -> bytes:
+    """The file with this page as its first, which is the one that OpenCV reads, unturned."""
+    data = bytearray(path.read_bytes())
+    layout = file.tiff
+    struct.pack_into(layout.offsetformat, data, 8 if layout.is_bigtiff else 4, page.offset)
+    if turned := page.tags.get("Orientation"):
+        struct.pack_into(f"{file.byteorder}H", data, turned.valueoffset, 1)
+    return bytes(data)
 
 
-def _entries(file: BinaryIO, layout: _Layout, at: int) -> dict[int, _Entry]:
-    """The tags of the directory at byte `at`, after which the file stands at the place of the next."""
-    (count,) = _unpack(file, at, layout, layout.count)
-    entries = {}
-    for _ in range(count):
-        tag, kind, length, value = _unpack(file, file.tell(), layout, layout.entry)
-        code = _NUMBERS.get(kind)
-        number = struct.unpack_from(layout.order + code, value)[0] if code else 0
-        entries[tag] = _Entry(length, number, value, file.tell() - len(value))
-    return entries
+def read_pages(path: Path) -> list[Page]:
+    """The frames of a TIFF or BigTIFF, in order; raises `OSError`, or `ValueError` where it is damaged."""
+    with _open(path, "TiffPages") as file:
+        pages: dict[int, TiffPage] = {}
+        for page in file.pages:
+            if page.offset in pages:
+                raise ValueError("its directories form a circle")
+            pages[page.offset] = page.aspage()
+        if len(pages) < len(file.pages):
+            raise ValueError(f"its directory {len(pages) + 1} is damaged")
+        counts = dict.fromkeys(pages, 1)
+        if file.is_shaped or file.is_imagej or file.is_stk:
+            alone = [series for series in file.series if len(series.pages) == 1]
+            counts |= {one.keyframe.offset: math.prod(one.shape) // one.keyframe.size for one in alone}
+        return [frame for at, page in pages.items() for frame in _frames(path, page, counts[at])]
 
 
-def _page(file: BinaryIO, layout: _Layout, at: int, entries: Mapping[int, _Entry]) -> Page:
-    def number(tag: int, default: int) -> int:
-        return entries[tag].number if tag in entries else default
+@contextmanager
+def _open(path: Path, about: str) -> Iterator[TiffFile]:
+    """The file; raises `ValueError` also where tifffile only logs an error `about` something."""
+    from tifffile import TiffFile
 
-    return Page(
-        shape=(number(_LENGTH, 0), number(_WIDTH, 0)),
-        channels=number(_SAMPLES, 1),
-        bits=number(_BITS, 1),
-        kind=number(_SAMPLE_FORMAT, 1),
-        orientation=number(_ORIENTATION, 1),
-        is_frame=not number(_NEW_SUBFILE, 0) & _REDUCED_OR_MASK and number(_SUBFILE, 1) != _REDUCED,
-        tags=_tags(file, layout, entries[_DESCRIPTION]) if _DESCRIPTION in entries else None,
-        _layout=layout, _at=at, _oriented_at=entries[_ORIENTATION].at if _ORIENTATION in entries else 0,
-    )  # fmt: skip
+    complaints, log = _Complaints(about), logging.getLogger("tifffile")
+    log.addFilter(complaints)
+    try:
+        with TiffFile(path, _multifile=False) as file:
+            yield file
+    except (OSError, ValueError, ConfigError):
+        raise
+    except Exception as error:  # of damaged directories
+        raise ValueError(f"its directories are damaged ({message_of(error)})") from error
+    finally:
+        log.removeFilter(complaints)
+    if complaints.has_error:
+        raise ValueError("its directories are damaged")
 
 
-def _unpack(file: BinaryIO, at: int, layout: _Layout, codes: str) -> tuple[Any, ...]:
-    file.seek(at)
-    return struct.unpack(layout.order + codes, file.read(struct.calcsize("=" + codes)))
+class _Complaints(logging.Filter):
+    """Lets no record pass, and remembers errors; its warnings are about tags that nobody reads."""
+
+    has_error = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        self.has_error |= record.levelno >= logging.ERROR and self.name in record.getMessage()
+        return False
 
 
-def _tags(file: BinaryIO, layout: _Layout, description: _Entry) -> TiffTags | None:
+def _frames(path: Path, page: TiffPage, count: int) -> Iterator[Page]:
+    """The frames of a directory; raises `ValueError` where the file ends before the last of several."""
+    there = (path.stat().st_size - page.dataoffsets[0]) // max(page.nbytes, 1) if count > 1 else count
+    if there < count or (count > 1 and page.compression != 1):
+        raise ValueError(f"it states {count} frames after one directory and holds {there}")
+    scale, unit = _gdal_scale(page)
+    for number in range(count):
+        yield Page(
+            shape=(page.imagelength, page.imagewidth),
+            channels=page.samplesperpixel,
+            bits=page.bitspersample,
+            kind=int(page.sampleformat),
+            orientation=int(page.tags.valueof("Orientation", 1)),
+            is_frame=not page.is_reduced and not page.is_mask,
+            tags=_tags(page.description),
+            scale=scale,
+            unit=unit,
+            no_data=_no_data(page),
+            _directory_at=page.offset,
+            _behind=number if count > 1 else None,
+        )
+
+
+def _gdal_scale(page: TiffPage) -> tuple[tuple[float, float] | None, str]:
+    """Scale with offset, and unit of the first band, as GDAL's items state them."""
+    try:
+        items = ElementTree.fromstring(page.tags.valueof(_GDAL_METADATA, "<GDALMetadata/>"))
+        of_band = {item.get("role"): item.text or "" for item in items if item.get("sample", "0") == "0"}
+        scale = float(of_band.get("scale", 1.0)), float(of_band.get("offset", 0.0))
+    except (ElementTree.ParseError, TypeError, ValueError):
+        return None, ""
+    return (scale if {"scale", "offset"} & of_band.keys() else None), of_band.get("unittype", "")
+
+
+def _no_data(page: TiffPage) -> float:
+    try:
+        return float(page.tags.valueof(_GDAL_NODATA, "nan").strip("\0 "))
+    except (AttributeError, ValueError):
+        return math.nan
+
+
+def _tags(description: str) -> TiffTags | None:
     """Content that `write_tiff` wrote; another program may have written anything there."""
     try:
-        file.seek(struct.unpack(layout.order + layout.place, description.value)[0])
-        plain = json.loads(file.read(min(description.length, _MOST_DESCRIPTION_BYTES)).rstrip(b"\0"))
+        plain = json.loads(description)
         scale, offset = float(plain.get("scale", math.nan)), float(plain.get("offset", 0.0))
         return TiffTags(str(plain["time"]), scale, offset, tuple(map(str, plain["flags"])))
-    except (OSError, struct.error, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None

@@ -11,15 +11,17 @@ from zoneinfo import ZoneInfo
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.results.importing import ImportOptions, read_source
 from fieldkit.sessions.formats.imported import flag_bunched, possible, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
-from fieldkit.sessions.formats.stills import Scale, read_stills
+from fieldkit.sessions.formats.stills import NO_VALUE, Scale, read_stills
 from fieldkit.sessions.formats.times import parse_times_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
@@ -282,18 +284,105 @@ def test_floating_point_temperatures_become_hundredths_of_kelvin(tmp_path, unit,
     assert frame.quality == Quality.GOOD
 
 
+SCALE = (Argument("kelvin_per_count"), Argument("kelvin_at_zero"))
 SIGNALLING = np.array(0x7F800001, np.uint32).view(np.float32)  # a NaN that warns when it is converted
 
 
 @pytest.mark.parametrize(
-    ("hole", "count"), [(np.nan, 0), (SIGNALLING, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)]
+    ("hole", "count", "quality"),
+    [
+        *((hole, NO_VALUE, Quality.GOOD) for hole in (np.nan, SIGNALLING, -9999.0)),
+        *((hole, NO_VALUE - 1, Quality.SATURATED) for hole in (np.inf, 400.0)),
+    ],
 )
-def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path, hole, count):
+def test_a_pixel_without_a_temperature_has_no_value_and_one_too_hot_flags_its_frame(
+    tmp_path, hole, count, quality
+):
     pixels = np.full((5, 7), 22.35, np.float32)
     pixels[1, 2] = hole
-    (frame,) = read_stills(tiff_file(tmp_path, tiff_pages((pixels, {}))), None, unit="C", **MOMENT).samples
-    assert frame.counts[1, 2] == count
-    assert frame.quality == Quality.SATURATED
+    imported = read_stills(tiff_file(tmp_path, tiff_pages((pixels, {}))), None, unit="C", **MOMENT)
+    (frame,), (info,) = imported.samples, imported.streams
+    assert (frame.counts[1, 2], frame.quality) == (count, quality)
+    is_hole = np.isnan(frame_k(info, frame.counts, frame.metadata_rows))
+    assert is_hole.sum() == is_hole[1, 2] == (quality == Quality.GOOD)
+
+
+GDAL = "<GDALMetadata>{}</GDALMetadata>"
+ITEM = '<Item name="{}" sample="0" role="{}">{}</Item>'
+
+
+def gdal(scale: object, offset: object = 0.0, unit: str = "", no_data: str = "") -> dict:
+    """Options of tifffile for GDAL's tags, as `gdal_translate` writes them."""
+    values = (("SCALE", "scale", scale), ("OFFSET", "offset", offset), ("UNITTYPE", "unittype", unit))
+    items = "".join(ITEM.format(*item) for item in values if item[2] != "")
+    texts = [(42112, GDAL.format(items)), *([(42113, no_data)] if no_data else [])]
+    return {"extratags": [(tag, "s", 0, text, True) for tag, text in texts], "metadata": None}
+
+
+DEEP = np.arange(29_000, 29_000 + 3 * 40 * 48, dtype=np.uint16).reshape(3, 40, 48)
+CENTIGRADE = np.float32(DEEP[0] * 0.01 - 273.15)
+STACK = {"metadata": {"axes": "TYX"}, "truncate": True}
+
+
+@pytest.mark.parametrize(
+    ("pixels", "options", "unit", "frames"),
+    [
+        (DEEP, STACK, "", 3),
+        (DEEP, {**STACK, "byteorder": ">", "bigtiff": True}, "", 3),
+        (DEEP, {"imagej": True, "truncate": True}, "", 3),
+        (DEEP, {"ome": True, "metadata": {"axes": "TYX"}}, "", 3),
+        *((DEEP, {"compression": name}, "", 3) for name in ("lzw", "zstd", "deflate", "packbits", "lzma")),
+        (DEEP, {"compression": "lzw", "predictor": True}, "", 3),
+        (DEEP, {"tile": (16, 16), "compression": "lerc"}, "", 3),
+        (DEEP[0], gdal(0.01, 0.0, "K"), "", 1),
+        (DEEP[0], gdal(0.01, -273.15, "degC"), "", 1),
+        (DEEP[0], gdal(0.01, -273.15), "C", 1),
+        (np.int16(DEEP[0] - 27_315), gdal(0.01, 0.0, "C"), "", 1),
+        (np.int32(DEEP[0]) * 10, gdal(0.001, 0.0), "K", 1),
+        (CENTIGRADE, gdal("", "", "C"), "", 1),
+        (np.float64(CENTIGRADE) * 10.0, gdal(0.1, 0.0, "C"), "", 1),
+        (np.float32(DEEP[0] * 0.018 - 459.67), {}, "F", 1),
+    ],
+)
+def test_tiffs_of_every_program_mean_the_same_frames(tmp_path, pixels, options, unit, frames, capfd):
+    """Written by tifffile as ImageJ, GDAL and others write them; right are the numbers that went in."""
+    path = tmp_path / "20260512.tif"
+    tifffile.imwrite(path, pixels, **{"photometric": "minisblack"} | options)
+    times = tmp_path / "times.csv"
+    times.write_text("".join(f"{path.name},2026-05-12T10:00:{n:02}Z\n" for n in range(frames)))
+    scale = None if unit or "extratags" in options else Scale(0.01)
+    imported = read_stills(path, scale, times=times, unit=unit)
+    (info,) = imported.streams
+    kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in imported.samples]
+    assert np.abs(kelvin - DEEP[:frames] * 0.01).max() <= 0.0051
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("pixels", "options", "given", "step"),
+    [
+        (DEEP[0], gdal(0.04, 0.0, "K"), {"scale": Scale(0.01)}, SCALE),
+        (DEEP[0], gdal(0.04, 0.0, "K"), {"unit": "C"}, (Argument("unit"),)),
+        (DEEP[0], gdal(0.04, 0.0), {}, (Argument("unit", "C"),)),
+        (DEEP, STACK, {"scale": Scale(0.01), "cut": -2}, ()),
+        (DEEP[0], {"compression": "lzw"}, {"scale": Scale(0.01), "cut": -900}, ()),
+    ],
+)
+def test_what_a_tiff_states_is_not_overridden_and_a_cut_one_refused(tmp_path, pixels, options, given, step):
+    path = tmp_path / "20260512.tif"
+    tifffile.imwrite(path, pixels, photometric="minisblack", **options)
+    path.write_bytes(path.read_bytes()[: given.get("cut")])
+    with pytest.raises(ConfigError, check=at(path, *step)):
+        read_stills(path, given.get("scale"), unit=given.get("unit", ""), **MOMENT)
+
+
+def test_a_number_that_the_file_declares_as_no_data_has_no_value(tmp_path):
+    path = tmp_path / "20260512.tif"
+    tifffile.imwrite(path, np.where(DEEP[0] > 29_005, DEEP[0], 0), **gdal(0.01, 0.0, "K", "0"))
+    imported = read_stills(path, None, **MOMENT)
+    (frame,), (info,) = imported.samples, imported.streams
+    assert np.isnan(frame_k(info, frame.counts, frame.metadata_rows)).sum() == 6
+    assert frame.quality == Quality.GOOD
 
 
 def test_an_option_for_other_numbers_is_refused(tmp_path):
@@ -305,9 +394,6 @@ def test_an_option_for_other_numbers_is_refused(tmp_path):
         read_stills(floats, None, unit="lx", **MOMENT)
     with pytest.raises(ConfigError, check=at(floats, *SCALE), match=r"0\.01 .* 0\.04"):
         read_stills(floats, Scale(0.04), unit="C", **MOMENT)
-
-
-SCALE = (Argument("kelvin_per_count"), Argument("kelvin_at_zero"))
 
 
 def png(folder: Path, pixels: np.ndarray) -> Path:
