@@ -18,11 +18,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldkit.model.device import Buffer
+from fieldkit.drivers import options
+from fieldkit.drivers.cameras.y16 import size_of
+from fieldkit.model.arrays import FloatArray, SingleArray
+from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Correction, Scene
+from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.faults import SHUTTER_STEP_K
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
@@ -209,6 +213,17 @@ _COUNTS_PER_FRAME = 3  # the sensor counts at 27 Hz and every third frame is sen
 _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 
 
+LEPTON = DeviceSettings("camera", "purethermal", "simulated")
+_ARRAY_NOISE_K = 0.1
+"""Noise of a pixel of the MLX90640 at one frame a second, by its datasheet."""
+
+
+def frame_shape(settings: DeviceSettings) -> tuple[int, int]:
+    """Rows and columns of a simulated camera's frames, by its options `height` and `width` if it has them."""
+    width, height = size_of(settings)
+    return (height, width) if width and height else FRAME_SHAPE
+
+
 class SimulatedLepton:
     """A PureThermal board with a Lepton 3.5; satisfies `fieldkit.model.device.FrameSource`.
 
@@ -218,8 +233,11 @@ class SimulatedLepton:
     backend = "simulated"
     port = "simulated"
 
-    def __init__(self, scene: Scene, clock: SimulatedClock, offset_k: float = 0.0) -> None:
+    def __init__(
+        self, scene: Scene, clock: SimulatedClock, offset_k: float = 0.0, settings: DeviceSettings = LEPTON
+    ) -> None:
         self._scene, self._clock, self._offset_k = scene, clock, np.float32(offset_k)
+        self._settings = settings
         self._on_ns = clock.mono_ns() - _WARM_NS
         self._next: int | None = None  # None: not streaming
         self._board = Board()
@@ -301,8 +319,14 @@ class SimulatedLepton:
         drawn_number = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(drawn_number)
         kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), drawn_number, self._correction(seen_ns))
-        counts = np.rint((kelvin + self._offset_k) * np.float32(self._board.counts_per_kelvin)).astype("<u2")
-        return bytes(counts.tobytes()) + self._board.telemetry(self._vitals(self._seen_ns(number), number))
+        return self._encode(kelvin + self._offset_k, drawn_number) + self._telemetry(number)
+
+    def _encode(self, kelvin: SingleArray, number: int) -> bytes:
+        """The pixels of frame `number`."""
+        return _words(kelvin * np.float32(self._board.counts_per_kelvin))
+
+    def _telemetry(self, number: int) -> bytes:
+        return self._board.telemetry(self._vitals(self._seen_ns(number), number))
 
     def _correction(self, mono_ns: int) -> Correction:
         last = self._shutter.at(mono_ns)
@@ -342,6 +366,33 @@ class SimulatedLepton:
 
     def _uptime_ms(self, mono_ns: int) -> int:
         return int((mono_ns - self._on_ns) * (1.0 + _CLOCK_TOO_FAST)) // 1_000_000
+
+
+class SimulatedY16(SimulatedLepton):
+    """A camera of the size and scale that the driver's options state, with the noise of a cheap one."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows."""
+        rows, cols = frame_shape(self._settings)
+        return cols, rows
+
+    def _encode(self, kelvin: SingleArray, number: int) -> bytes:
+        import cv2
+
+        sized = cv2.resize(kelvin, self.size, interpolation=cv2.INTER_AREA)
+        random = np.random.default_rng([self._scene.seed, number, 8])
+        noise_k = _ARRAY_NOISE_K * random.standard_normal(sized.shape)
+        offset_k = options.number(self._settings, "kelvin_offset", 0.0)
+        scale = options.number(self._settings, "kelvin_per_count", 0.01)
+        return _words((sized + noise_k - offset_k) / scale)
+
+    def _telemetry(self, number: int) -> bytes:
+        return b""
+
+
+def _words(counts: FloatArray | SingleArray) -> bytes:
+    return bytes(np.rint(counts).astype("<u2").tobytes())
 
 
 _PIXELS, _TELEMETRY = 38_400, 480  # bytes: 160x120 words, and three rows of 80

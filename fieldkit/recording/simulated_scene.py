@@ -1,4 +1,4 @@
-"""The scene that a configuration describes: sand under every region, below a clear or a measured sky."""
+"""The scene that a configuration describes: beds of sand below a clear or a measured sky."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,8 @@ import numpy as np
 from fieldkit.config import Config
 from fieldkit.config.pose import Pose
 from fieldkit.config.toml_schema import SimulationTable
-from fieldkit.drivers.simulated import SimulatedField
+from fieldkit.drivers.simulated import CAMERAS, SimulatedField, frame_shape
 from fieldkit.ground.on_ground import ground_view
-from fieldkit.model.arrays import BoolArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.next_step import Action
@@ -23,12 +23,13 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.camera_geometry import horizon_of_ground
+from fieldkit.physics.climate import usual_air_k
 from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.results.sources import log_warning
 from fieldkit.simulation import ClearSky, Facet, Fault, MeasuredSky, Scene, Sky
 from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.drawn_field import drawn_scene
-from fieldkit.simulation.facets import FRAME_SHAPE
+from fieldkit.simulation.facets import FRAME_SHAPE, GROUND, Outline
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
@@ -41,6 +42,7 @@ FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
 NEAR_DEG = 0.2
 HORIZON_STEP_DEG = 10.0
 """Of the skyline that terrain casts its shadows by."""
+HOUR_NS = 3600 * SECOND_NS
 BED_OVER_REGION = 1.18
 """Beds are this much larger than the regions drawn on them."""
 
@@ -64,10 +66,10 @@ def simulated_field(
 
 
 def scene_of(config: Config, duration_s: float) -> Scene:
-    """The configured scene, with a bed of sand under every region, of its tilt and azimuth.
+    """The configured scene, with a bed of sand under every region of stated slope, of its tilt and azimuth.
 
-    On terrain a target region of unknown tilt has no bed. On level ground, where no region is drawn yet,
-    the usual beds are there too, so that a user can see where to draw.
+    On level ground the usual beds lie where no slope is stated, unless one is stated off all of them: a user
+    sees where to draw, and a region of unknown slope has that of what it covers.
     Raises `ConfigError` if the configuration does not describe a scene.
     """
     simulation = config.tables.simulation
@@ -80,11 +82,12 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     start_ns = ALAMOSA_NOON_NS
     if simulation.start is not None:
         start_ns = round(simulation.start.timestamp()) * SECOND_NS
-    facets = _facets(config, simulation)
+    facets, probed = _facets(config, simulation)
     faults = tuple(_fault(name) for name in simulation.faults)
-    sky = _sky(config, simulation.weather)
+    sky = _sky(config, simulation.weather, start_ns)
+    motion = _motion(simulation)
     scene = Scene(
-        config.site, sky, facets, start_ns, duration_s, simulation.seed, faults, motion=_motion(simulation)
+        config.site, sky, facets, start_ns, duration_s, simulation.seed, faults, motion=motion, probed=probed
     )
     if simulation.terrain:
         if config.pose is None:
@@ -134,23 +137,51 @@ def _middle_pixel(bed: Facet) -> int:
     return round(float(y)) * FRAME_SHAPE[1] + round(float(x))
 
 
-def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
-    if simulation.terrain:
-        return tuple(_bed(config, region) for region in config.regions if math.isfinite(region.tilt_deg))
-    beds = tuple(_bed(config, region) for region in config.regions)
-    return (*beds, *_undrawn(simulation, beds))
+def _facets(config: Config, simulation: SimulationTable) -> tuple[tuple[Facet, ...], tuple[int, ...]]:
+    """The beds, and for each region the number of the one that it lies on, -1 for the ground."""
+    regions, usual = _regions(config), () if simulation.terrain else BEDS
+    own, undrawn = {}, list(usual)
+    for region, table in zip(regions, config.tables.region, strict=True):
+        covered, is_stated = _most_covered(region.points_px, usual) or GROUND, table.tilt_deg is not None
+        is_level = region.kind is RegionKind.REFERENCE and covered.tilt_deg == 0.0
+        if is_stated or is_level or region.name == simulation.foil:
+            own[region.name] = bed = _bed(simulation, region, covered)
+            is_elsewhere = is_stated and not _most_covered(bed.points_px, usual)
+            undrawn = [left for left in undrawn if not (is_elsewhere or _shared_px(bed.points_px, left))]
+    lies_on = [own.get(region.name) or _most_covered(region.points_px, undrawn) for region in regions]
+    beds = (*own.values(), *undrawn)
+    numbers = tuple(beds.index(bed) if bed else -1 for bed in lies_on)
+    names = {number: region.name for number, region in reversed([*zip(numbers, regions, strict=True)])}
+    facets = (
+        _of_sand(replace(bed, name=names.get(number, f"undrawn {bed.name}")), simulation)
+        for number, bed in enumerate(undrawn, start=len(own))
+    )
+    return (*own.values(), *facets), numbers
 
 
-def _bed(config: Config, region: Region) -> Facet:
-    simulation = config.tables.simulation
-    assert simulation is not None
+def _regions(config: Config) -> list[Region]:
+    """The regions in pixels of the scene's frame, whatever the size of their camera's."""
+    shapes = {device.name: frame_shape(device) for device in config.devices if device.driver in CAMERAS}
+    first = next(iter(shapes.values()), FRAME_SHAPE)
+    return [_enlarge(region, shapes.get(region.camera, first)) for region in config.regions]
+
+
+def _enlarge(region: Region, shape: tuple[int, int]) -> Region:
+    """A region drawn in frames of `shape` (rows, cols), in pixels of the scene's."""
+    wide, high = FRAME_SHAPE[1] / shape[1], FRAME_SHAPE[0] / shape[0]
+    points = tuple(((x + 0.5) * wide - 0.5, (y + 0.5) * high - 0.5) for x, y in region.points_px)
+    return replace(region, points_px=points)
+
+
+def _bed(simulation: SimulationTable, region: Region, covered: Facet) -> Facet:
+    """The bed under a region: where its slope is not stated, with that of what it covers."""
     corners = np.asarray(region.points_px)
     outline = corners.mean(axis=0) + BED_OVER_REGION * (corners - corners.mean(axis=0))
     bed = Facet(
         name=region.name,
         points_px=tuple((float(x), float(y)) for x, y in outline),
-        tilt_deg=0.0 if math.isnan(region.tilt_deg) else region.tilt_deg,
-        azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
+        tilt_deg=covered.tilt_deg if math.isnan(region.tilt_deg) else region.tilt_deg,
+        azimuth_deg=covered.azimuth_deg if math.isnan(region.azimuth_deg) else region.azimuth_deg,
         is_reference=region.kind is RegionKind.REFERENCE,
     )
     bed = _of_sand(bed, simulation)
@@ -169,19 +200,18 @@ def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
     )
 
 
-def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Facet]:
-    """Usual beds without a region; none if some region lies off the usual field: then it is another field."""
-    usual = {bed.name: _mask(bed) for bed in BEDS}
-    under = [{name for name, mask in usual.items() if (mask & _mask(bed)).any()} for bed in drawn]
-    if all(under):
-        covered = set[str]().union(*under)
-        for bed in BEDS:
-            if bed.name not in covered:
-                yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
+def _most_covered(outline: Outline, beds: Sequence[Facet]) -> Facet | None:
+    """The bed that shares most pixels with an outline, if one does."""
+    bed = max(beds, key=partial(_shared_px, outline), default=None)
+    return bed if bed and _shared_px(outline, bed) else None
 
 
-def _mask(bed: Facet) -> BoolArray:
-    return Region(bed.name, RegionKind.TARGET, bed.points_px).mask(FRAME_SHAPE)
+def _shared_px(outline: Outline, bed: Facet) -> int:
+    """Number of the scene's pixels in both."""
+    inside, over = (
+        Region("", RegionKind.TARGET, points).mask(FRAME_SHAPE) for points in (outline, bed.points_px)
+    )
+    return int((inside & over).sum())
 
 
 def _motion(simulation: SimulationTable) -> Motion | None:
@@ -200,8 +230,12 @@ def _fault(name: str) -> Fault:
         ) from error
 
 
-def _sky(config: Config, weather: str) -> Sky:
-    return ClearSky() if weather == "clear" else MeasuredSky(measured_weather(config, weather))
+def _sky(config: Config, weather: str, start_ns: int) -> Sky:
+    """A measured sky, or a clear one over air as warm as is usual at that site on that day."""
+    if weather != "clear":
+        return MeasuredSky(measured_weather(config, weather))
+    day_ns = start_ns + np.arange(24) * HOUR_NS
+    return ClearSky(air_temperature_k=float(np.mean(usual_air_k(day_ns, config.site))))
 
 
 def measured_weather(config: Config, weather: str) -> Weather:

@@ -60,7 +60,8 @@ class Scene:
     Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
     `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers,
     `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth, `motion`
-    the camera's. With `terrain` the ground between the facets is in relief. Every value follows from time
+    the camera's. With `terrain` the ground between the facets is in relief. Contact thermometers lie in the
+    facets with the numbers `probed`, -1 for the ground; without them in each. Every value follows from time
     and `seed` alone.
     """
 
@@ -79,6 +80,7 @@ class Scene:
     light_factor: float = 1.0
     motion: Motion | None = None
     terrain: Terrain | None = None
+    probed: tuple[int, ...] = ()
 
     @property
     def end_ns(self) -> int:
@@ -119,8 +121,9 @@ class Scene:
         return self.light_factor * self.at(time_ns).illuminance_lx * (1.0 + _LUX_NOISE * noise)
 
     def probe_readings(self, time_ns: int) -> FloatArray:
-        """Readings of contact thermometers in the facets' surfaces, (facets,), K."""
-        probes = self.at(time_ns).contact_k[:-1]
+        """Readings of contact thermometers in surfaces, (probed,) or (facets,), K."""
+        contact_k = self.at(time_ns).contact_k
+        probes = contact_k[list(self.probed)] if self.probed else contact_k[:-1]
         return probes + _PROBE_NOISE_K * self._random(time_ns, 5).standard_normal(probes.size)
 
     def air_reading(self, time_ns: int) -> float:

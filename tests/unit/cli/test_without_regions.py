@@ -9,6 +9,7 @@ import pytest
 from fieldkit.config import load_config
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.next_step import Action
+from fieldkit.recording.regions import read_regions
 from fieldkit.recording.simulated_scene import scene_of
 from fieldkit.simulation.scene import BEDS
 from tests.harness.command_line import fieldkit, invoke, succeed
@@ -117,9 +118,35 @@ def test_the_simulated_field_shows_its_beds_before_and_while_they_are_drawn(undr
     assert sorted(beds()) == ["b05", "b15", "b25", "flat"]
 
 
-def test_a_field_of_other_beds_has_no_others(undrawn):
-    succeed("roi", "add", "flat", "-C", undrawn, "--reference", "--rect", "74,2,10,20")
-    assert [facet.name for facet in scene_of(load_config(undrawn / "fieldkit.toml"), 60.0).facets] == ["flat"]
+@pytest.mark.parametrize(
+    ("rect", "words", "slope", "left"),
+    [
+        ("95,30,30,20", (), 25.0, 4),
+        ("95,30,30,20", ("--azimuth", 90), 25.0, 4),
+        ("95,30,30,20", ("--tilt", 10), 10.0, 4),
+        ("95,30,30,20", ("--reference",), 25.0, 4),
+        ("74,2,10,20", ("--reference",), 0.0, 5),
+        ("74,2,10,20", ("--tilt", 30), 30.0, 1),  # a slope stated off all beds makes another field
+        ("60,30,60,20", (), 25.0, 4),  # two beds, more of the second
+        ("74,2,10,20", (), None, 4),
+    ],
+)
+def test_a_region_on_the_simulated_field_keeps_the_slope_of_what_it_covers(undrawn, rect, words, slope, left):
+    """Unless its own is stated; contact thermometers lie in the same bed, or in the ground."""
+    succeed("roi", "add", "drawn", "-C", undrawn, "--rect", rect, *words)
+    scene = scene_of(read_regions(undrawn / "fieldkit.toml")[0], 60.0)
+    (number,) = scene.probed
+    beds = {facet.name: facet.tilt_deg for facet in scene.facets}
+    assert (beds.get("drawn"), len(beds)) == (slope, left)
+    assert number == (-1 if slope is None else list(beds).index("drawn"))
+
+
+def test_the_clear_sky_over_the_simulated_field_has_the_usual_air_of_place_and_day(undrawn):
+    """Alamosa, whose normals (NOAA, 1991 to 2020) are near -9 °C in January and 18 °C in July."""
+    for start, usual_c in (("2016-01-15T12:00:00-07:00", -9.0), ("2016-07-15T12:00:00-06:00", 18.0)):
+        settings = ["simulation.weather=clear", f"simulation.start={start}"]
+        scene = scene_of(load_config(undrawn / "fieldkit.toml", settings=settings), 60.0)
+        assert scene.sky.air_temperature_k - 273.15 == pytest.approx(usual_c, abs=8.0)
 
 
 def test_the_newest_session_is_the_one_that_began_last_whatever_its_name(session):

@@ -43,14 +43,14 @@ def test_a_simulated_session_holds_the_bytes_it_always_held(tmp_path):
     stamps = ("time", "mono_ns", "device_time", "seq", "device_seq", "flags")
     columns = {"camera": stamps, "lux": (*stamps, "raw"), "thermometer": (*stamps, "raw")}
     found = sha256()
-    path = simulate(tmp_path / "c", duration="3m", seed=7).path
+    path = simulate(tmp_path / "c", day="alamosa-2016-01-01", duration="3m", seed=7).path
     with h5py.File(path) as file:
         for stream, names in columns.items():
             for name in names:
                 column = file[stream][name][:]
                 # as wide as flags were then
                 found.update((column.astype("<u2") if name == "flags" else column).tobytes())
-    assert found.hexdigest() == "ef968a9cad989cbeb0d4257d38f86774ed0a61eb74a7941970d5414d27f9d0ae"
+    assert found.hexdigest() == "bdbcaa5e6462f8bd7bbd3ecb1fe49d6cb12307b1c5d14100a29e4631c1e4f2ce"
 
 
 def test_more_beds_than_fit_the_frame_or_a_second_campaign_in_a_folder_are_refused(tmp_path):
