@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
@@ -93,6 +94,12 @@ def needs(name: str) -> Mapping[str, Sequence[str]]:
     """Options that state what the driver's stream measures where its bytes do not show it; see `Driver`."""
     options: Mapping[str, Sequence[str]] = getattr(get(name), "needs", {})
     return options
+
+
+def noise_k(name: str) -> float:
+    """Noise of a pixel in one frame of the driver's camera, by its maker's figure, K; NaN without."""
+    figure: float = getattr(get(name), "noise_k", math.nan)
+    return figure
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:

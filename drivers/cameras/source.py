@@ -143,6 +143,8 @@ class CameraDriver:
     quantity = "brightness_temperature"
     video: CameraFormat = CameraFormat((), "", ())
     caveat = ""
+    noise_k = 0.1
+    """Of a pixel in one frame: the makers of microbolometers state less."""
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected cameras of the family."""

@@ -6,16 +6,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from types import MappingProxyType
 from typing import Any, Literal
+
+import cv2
+import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
 
-MIN_PIXELS = 100  # their mean has a tenth of the noise of one pixel
+INNER_PX = 3
+"""Rows and columns of pixels that must lie clear of a region's rim."""
+MOST_NOISE_K = 0.1
+"""Of the mean of a region's pixels over a minute."""
 MOST_OF_FRAME = 0.9
 """A region that covers more of the frame than this sees more than one bed."""
-EDGE_PX = 2
+COLS_OF_ONE = 160
+"""Frames of fewer have pixels wider than a lens's blur: one at an edge sees two surfaces, else two do."""
 UNEVEN_EDGE_K = 1.0
 CLEAN_EDGE_K = 0.2
 """A larger edge difference is a warning; shrinking should bring it below the smaller value."""
@@ -25,11 +31,41 @@ LARGEST_PX = 4096
 Level = Literal["ok", "warn", "FAIL"]
 
 
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """What is known of a camera's frames.
+
+    `shape` is (rows, cols), `frame` one in kelvin, `noise_k` that of a pixel in the mean of a minute, NaN if
+    not known.
+    """
+
+    shape: tuple[int, ...]
+    frame: FloatArray | None = None
+    noise_k: float = math.nan
+
+
+def pixel_noise_k(frames: FloatArray) -> float:
+    """Noise of a pixel in one of successive frames (n, rows, cols), from their differences, K; NaN of one.
+
+    The median of the pixels' own, so that neither a shift of all nor what moves through the frame counts.
+    """
+    if len(frames) < 2:
+        return math.nan
+    changes = np.diff(frames, axis=0)
+    changes -= np.median(changes, axis=(1, 2), keepdims=True)
+    return float(np.sqrt(np.median(np.mean(changes**2, axis=0)) / 2.0))
+
+
+def rim_px(cols: int) -> int:
+    """Width of the rim of a region in frames of so many columns: pixels there may see two surfaces."""
+    return 1 if cols < COLS_OF_ONE else 2
+
+
 @dataclass
 class RegionInspection:
     """The result of checking one region; `spread_k` and `edge_k` are NaN without a frame.
 
-    `edge_k` is how much the outer two pixels differ from the inside, in kelvin; `shrink_px` by how many
+    `edge_k` is how much the pixels of its rim differ from the inside, in kelvin; `shrink_px` by how many
     pixels to move the edges inwards so that they differ no more, None where that is not needed or no remedy.
     """
 
@@ -75,51 +111,40 @@ def slope_text(region: Region) -> str:
     return "-" if math.isnan(region.tilt_deg) else "/".join(angles)
 
 
-def check_regions(
-    regions: Sequence[Region],
-    shapes: Mapping[str, tuple[int, ...]],
-    frames: Mapping[str, FloatArray] = MappingProxyType({}),
-) -> list[RegionInspection]:
-    """Check each region in a frame of its camera, by the camera's name: shapes (rows, cols), and kelvin.
+def check_regions(regions: Sequence[Region], views: Mapping[str, CameraView]) -> list[RegionInspection]:
+    """Check each region in the frames of its camera, by the camera's name.
 
-    Without a shape the regions are only checked against each other.
+    Without a view the regions are only checked against each other.
     """
     return [
         check_region(
             region,
-            shapes.get(region.camera),
-            frames.get(region.camera),
+            views.get(region.camera),
             [other for other in regions[:number] if other.camera == region.camera],
         )
         for number, region in enumerate(regions)
     ]
 
 
-def check_region(
-    region: Region,
-    shape: tuple[int, ...] | None,
-    frame: FloatArray | None = None,
-    others: Sequence[Region] = (),
-) -> RegionInspection:
-    """Check one region in a frame of `shape` (rows, cols), as fast as a finger draws it.
+def check_region(region: Region, view: CameraView | None, others: Sequence[Region] = ()) -> RegionInspection:
+    """Check one region in the frames of its camera, as fast as a finger draws it.
 
-    `frame` holds kelvin of that shape; the region must share no pixel with `others`. Without a shape its size
-    and place in the frame are not checked.
+    The region must share no pixel with `others`. Without a view its place in the frame is not checked.
     """
-    rows, cols = shape or _around(region)
+    rows, cols = view.shape if view else _around(region)
     box = region.box((rows, cols))
     mask = region.mask((rows, cols), box)
     inspection = RegionInspection(region, int(mask.sum()))
-    _check_size(inspection, rows, cols)
+    _check_size(inspection, mask, (rows, cols), view)
     for other in others:
         if shared := int((mask & other.mask((rows, cols), box)).sum()):
             inspection.failures.append(f"shares {shared} px with {other.name}")
-    if shape is not None and inspection.pixels > MOST_OF_FRAME * rows * cols:
+    if view and inspection.pixels > MOST_OF_FRAME * rows * cols:
         inspection.warnings.append(
             f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
         )
-    if frame is not None and inspection.pixels:
-        _check_evenness(inspection, mask, frame[box], frame)
+    if view and view.frame is not None and inspection.pixels:
+        _check_evenness(inspection, mask, view.frame[box], view.frame)
     return inspection
 
 
@@ -129,13 +154,29 @@ def _around(region: Region) -> tuple[int, int]:
     return min(math.ceil(max(ys)) + 1, LARGEST_PX), min(math.ceil(max(xs)) + 1, LARGEST_PX)
 
 
-def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
-    if not inspection.region.is_within((rows, cols)):
-        inspection.failures.append(f"outside the frame of {cols} x {rows} pixels")
-    elif inspection.pixels < MIN_PIXELS:
-        inspection.failures.append(f"too small, needs {MIN_PIXELS} px")
+def _check_size(
+    inspection: RegionInspection, mask: BoolArray, shape: tuple[int, int], view: CameraView | None
+) -> None:
+    rim, noise_k = rim_px(shape[1]) if view else 1, view.noise_k if view else math.nan
+    if not inspection.region.is_within(shape):
+        inspection.failures.append(f"outside the frame of {shape[1]} x {shape[0]} pixels")
+    elif not _has_inside(mask, rim):
+        side = INNER_PX + 2 * rim
+        inner = f"{INNER_PX} x {INNER_PX} px must lie inside its rim of {rim} px"
+        inspection.failures.append(f"too small: {inner}, as in {side} x {side}")
+    elif noise_k > MOST_NOISE_K * math.sqrt(inspection.pixels):
+        needed = math.ceil((noise_k / MOST_NOISE_K) ** 2)
+        limit = f"{MOST_NOISE_K:g} K a minute"
+        inspection.failures.append(f"too small: for {limit} this camera's noise needs {needed} px")
     if inspection.region.crosses_itself:
         inspection.failures.append("its outline crosses itself: give the corners in order around it")
+
+
+def _has_inside(mask: BoolArray, rim: int) -> bool:
+    """Whether `INNER_PX` rows and columns of pixels lie so many pixels inside the rim."""
+    around = np.ones((INNER_PX + 2 * rim,) * 2, np.uint8)
+    whole = np.pad(mask, 1).astype(np.uint8)
+    return bool(cv2.erode(whole, around, borderType=cv2.BORDER_CONSTANT, borderValue=0).any())
 
 
 def _check_evenness(
@@ -156,11 +197,12 @@ class _Rims:
 
     def __init__(self, region: Region, frame: FloatArray) -> None:
         self._region, self._frame, self._box = region, frame, region.box(frame.shape)
-        self._sums = cache(self._sum)
+        self._rim = rim_px(frame.shape[1])
+        self._sums, self._mask = cache(self._sum), cache(self._draw)
 
     def edge_k(self, pixels: int) -> float:
         """Difference of the outer pixels of the smaller region from those inside; NaN without either."""
-        (count, total), (inner, inner_total) = self._sums(pixels), self._sums(pixels + EDGE_PX)
+        (count, total), (inner, inner_total) = self._sums(pixels), self._sums(pixels + self._rim)
         if inner == 0 or count <= inner:
             return math.nan
         return (total - inner_total) / (count - inner) - inner_total / inner
@@ -172,7 +214,7 @@ class _Rims:
         """
         fewest: int | None = None
         for pixels in range(1, MOST_SHRUNK_PX + 1):
-            if self._sums(pixels)[0] < MIN_PIXELS:
+            if not _has_inside(self._mask(pixels), self._rim):
                 break
             edge_k = abs(self.edge_k(pixels))
             if edge_k <= CLEAN_EDGE_K:
@@ -183,9 +225,12 @@ class _Rims:
 
     def _sum(self, pixels: int) -> tuple[int, float]:
         """Number of pixels and sum of kelvin of the region so many pixels smaller."""
+        kelvin = self._frame[self._box][self._mask(pixels)]
+        return kelvin.size, float(kelvin.sum())
+
+    def _draw(self, pixels: int) -> BoolArray:
         try:
             smaller = self._region.shrunk(pixels) if pixels else self._region
         except ValueError:
-            return 0, 0.0
-        kelvin = self._frame[self._box][smaller.mask(self._frame.shape, self._box)]
-        return kelvin.size, float(kelvin.sum())
+            return np.zeros(self._frame[self._box].shape, np.bool_)
+        return smaller.mask(self._frame.shape, self._box)

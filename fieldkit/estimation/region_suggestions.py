@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from fieldkit.estimation.region_check import MIN_PIXELS, check_region
+from fieldkit.estimation.region_check import CameraView, RegionInspection, check_region
 from fieldkit.model.arrays import BoolArray, FloatArray, SingleArray
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Action
@@ -18,7 +19,7 @@ LEAST_CONTRAST_K = 0.5
 CONTRAST_OVER_SPREAD = 3.0
 """A bed differs from what surrounds it by more than this and by this many times its own spread."""
 _COLS = 160
-"""Larger frames are averaged to about so many columns: noise and time shrink, beds stay."""
+"""Larger frames are averaged to about so many columns: noise and time shrink; smaller ones are enlarged."""
 _LEVELS = 12  # limits of "little" that are tried
 _SMOOTHED_PX = 1.0  # noise of single pixels would tear an even area
 _MOST_OF_FRAME, _LEAST_OF_LARGEST = 0.4, 0.25
@@ -26,12 +27,17 @@ _MOST_OF_FRAME, _LEAST_OF_LARGEST = 0.4, 0.25
 _FILLED = 0.88  # of four corners and the area they stand for: what both share over what either covers
 _UNDISTURBED = 15.0
 """Per cent of a side that something may lie across."""
-_INSET_PX = 1.5  # pixels at an edge see two surfaces
+_LEAST_PX = 100  # of 160 x 120
+_INSET_PX = 1.5  # pixels at an edge see two surfaces; an even area of an enlarged frame ends inside of them
 # along a side without its corners, where the neighbouring sides' surroundings begin
 _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Distances from the edge of an even area, which ends up to two pixels before that of its bed."""
+_FARTHER = 1.5  # by so much of the pixels of an enlarged frame, which may see both
 FIX = "try again when the sun has warmed the beds apart, or draw them: " + Action.ADD_REGION()
+
+
+Outline = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +49,7 @@ class FoundBed:
     deviation inside.
     """
 
-    points_px: tuple[tuple[float, float], ...]
+    points_px: Outline
     pixels: int
     contrast_k: float
     spread_k: float
@@ -54,32 +60,36 @@ class FoundBed:
         return self.contrast_k >= max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * self.spread_k)
 
 
-def find_beds(frame: FloatArray) -> list[FoundBed]:
+def find_beds(frame: FloatArray, noise_k: float = math.nan) -> list[FoundBed]:
     """The areas of a frame that look like beds, row by row from the top left.
 
     Areas are the connected parts in which the temperature changes little from pixel to pixel, at every limit
     of "little": those are kept that nearly fill a quadrilateral and differ from their surroundings all along
-    its four sides. Brightness temperatures (rows, cols) are NaN where unknown. Raises `NoAnswerError` where
-    there is none; the message states what is missing.
+    its four sides. Brightness temperatures (rows, cols) are NaN where unknown; `noise_k` as in `CameraView`.
+    Raises `NoAnswerError` where there is none that can be used; the message states what is missing.
     """
     if not np.isfinite(frame).any():
         raise NoAnswerError("the frame has no known temperature", fix=FIX)
-    factor = max(1, round(frame.shape[1] / _COLS))
-    image = _working_image(frame, factor)
-    candidates = [bed for corners in _quadrilaterals(image) if (bed := _measure(corners, image))]
-    usable = [bed for bed in _apart(candidates, image.shape) if _is_usable(bed, image)]
+    filled = np.where(np.isfinite(frame), frame, np.nanmedian(frame))
+    enlarged, factor = (max(1, round(ratio)) for ratio in (_COLS / frame.shape[1], frame.shape[1] / _COLS))
+    image = _working_image(filled, enlarged, factor)
+    candidates = [bed for corners in _quadrilaterals(image) if (bed := _measure(corners, image, enlarged))]
+    beds = [_in_frame(bed, factor / enlarged, frame.shape) for bed in _apart(candidates, image.shape)]
+    checks = [check_region(_region(bed.points_px), CameraView(frame.shape, filled, noise_k)) for bed in beds]
+    usable = [bed for bed, check in zip(beds, checks, strict=True) if check.level == "ok"]
     if not usable:
-        raise NoAnswerError(_missing(candidates), fix=FIX)
+        raise NoAnswerError(_missing(candidates, checks), fix=FIX)
     largest = max(bed.pixels for bed in usable)
-    large = [_enlarge(bed, factor) for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
+    large = [bed for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
     return sorted(large, key=lambda bed: _row_by_row(bed, frame.shape[0]))
 
 
-def _working_image(frame: FloatArray, factor: int) -> SingleArray:
+def _working_image(frame: FloatArray, enlarged: int, factor: int) -> SingleArray:
     """The frame at its working size, without single wrong pixels."""
-    filled = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
-    size = frame.shape[1] // factor, frame.shape[0] // factor
-    return np.asarray(cv2.medianBlur(cv2.resize(filled, size, interpolation=cv2.INTER_AREA), 3), np.float32)
+    size = frame.shape[1] * enlarged // factor, frame.shape[0] * enlarged // factor
+    how = cv2.INTER_LINEAR if enlarged > 1 else cv2.INTER_AREA
+    resized = cv2.resize(frame.astype(np.float32), size, interpolation=how)
+    return np.asarray(cv2.medianBlur(resized, 3), np.float32)
 
 
 def _quadrilaterals(image: SingleArray) -> Iterator[FloatArray]:
@@ -101,7 +111,7 @@ def _areas(even: BoolArray) -> Iterator[BoolArray]:
     rows, cols = even.shape
     for number, (x, y, width, height, pixels) in enumerate(statistics[1:], start=1):
         is_inside = min(x, y) >= 2 and x + width <= cols - 2 and y + height <= rows - 2
-        if is_inside and width * height >= pixels >= MIN_PIXELS and pixels <= _MOST_OF_FRAME * even.size:
+        if is_inside and width * height >= pixels >= _LEAST_PX and pixels <= _MOST_OF_FRAME * even.size:
             yield labels == number
 
 
@@ -122,31 +132,31 @@ def _is_filled(corners: FloatArray, area: BoolArray) -> bool:
     return bool((inside & area).sum() >= _FILLED * (inside | area).sum())
 
 
-def _measure(corners: FloatArray, image: SingleArray) -> FoundBed | None:
+def _measure(corners: FloatArray, image: SingleArray, enlarged: int) -> FoundBed | None:
     """The inset outline with its contrast and spread; None where nothing is left inside."""
     try:
-        region = _region(corners).shrunk(_INSET_PX)
+        region = _region(corners).shrunk(_INSET_PX if enlarged == 1 else 0.0)
     except ConfigError:
         return None
     inside = image[region.mask((image.shape[0], image.shape[1]))]
-    if inside.size < MIN_PIXELS:
+    if inside.size < _LEAST_PX:
         return None
-    return FoundBed(region.points_px, inside.size, _contrast_k(corners, image), float(inside.std()))
+    contrast_k = _contrast_k(corners, image, _FARTHER * (enlarged - 1))
+    return FoundBed(region.points_px, inside.size, contrast_k, float(inside.std()))
 
 
-def _contrast_k(corners: FloatArray, image: SingleArray) -> float:
+def _contrast_k(corners: FloatArray, image: SingleArray, farther: float) -> float:
     """Difference across the least distinct side, but for the part of it that something may lie across."""
     along = np.roll(corners, -1, axis=0) - corners
     outwards = along[:, ::-1] * (1.0, -1.0) / np.linalg.norm(along, axis=1, keepdims=True)
     outwards *= np.sign(np.sum(outwards * (corners - corners.mean(axis=0)), axis=1, keepdims=True))
     places = corners[:, np.newaxis] + _ALONG[:, np.newaxis] * along[:, np.newaxis]
-    inside, outside = (_means(places, outwards, steps, image) for steps in (_INSIDE_PX, _OUTSIDE_PX))
+    ends = np.array(_INSIDE_PX), np.array(_OUTSIDE_PX) + farther
+    inside, outside = (_means(places, outwards, steps, image) for steps in ends)
     return float(np.percentile(np.abs(outside - inside), _UNDISTURBED, axis=1).min())
 
 
-def _means(
-    places: FloatArray, outwards: FloatArray, steps: tuple[float, ...], image: SingleArray
-) -> FloatArray:
+def _means(places: FloatArray, outwards: FloatArray, steps: FloatArray, image: SingleArray) -> FloatArray:
     """Means over steps outwards from places along the sides, (4, n, 2); shape (4, n)."""
     at = places + np.multiply.outer(steps, outwards)[:, :, np.newaxis]
     x, y = np.moveaxis(at, -1, 0).astype(np.float32).reshape(2, len(steps), -1)
@@ -158,23 +168,19 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     """The distinct ones, and of those that share pixels the largest."""
     covered, separate = np.zeros(shape, np.bool_), []
     for bed in sorted(beds, key=lambda bed: -bed.pixels):
-        inside = _region(np.array(bed.points_px)).mask((shape[0], shape[1]))
+        inside = _region(bed.points_px).mask((shape[0], shape[1]))
         if bed.is_distinct and not (inside & covered).any():
             covered |= inside
             separate.append(bed)
     return separate
 
 
-def _is_usable(bed: FoundBed, image: SingleArray) -> bool:
-    region = _region(np.array(bed.points_px))
-    return check_region(region, image.shape, image.astype(np.float64)).level == "ok"
-
-
-def _enlarge(bed: FoundBed, factor: int) -> FoundBed:
+def _in_frame(bed: FoundBed, factor: float, shape: tuple[int, ...]) -> FoundBed:
     """A bed of the working size in pixels of the frame, whose centres are at whole numbers."""
     corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.points_px]
     points_px = tuple((round(x, 1), round(y, 1)) for x, y in corners)
-    return FoundBed(points_px, bed.pixels * factor**2, bed.contrast_k, bed.spread_k)
+    pixels = int(_region(points_px).mask((shape[0], shape[1])).sum())
+    return FoundBed(points_px, pixels, bed.contrast_k, bed.spread_k)
 
 
 def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
@@ -183,13 +189,16 @@ def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
     return round(4.0 * float(y) / rows), float(x)
 
 
-def _region(corners: FloatArray) -> Region:
+def _region(corners: FloatArray | Outline) -> Region:
     return Region("bed", RegionKind.TARGET, tuple((float(x), float(y)) for x, y in corners))
 
 
-def _missing(candidates: list[FoundBed]) -> str:
+def _missing(candidates: list[FoundBed], checks: list[RegionInspection]) -> str:
     if not candidates:
         return "no even area with four straight edges was found in the frame"
+    if checks:
+        largest = max(checks, key=lambda check: check.pixels)
+        return f"the largest area that could be a bed has {largest.pixels} px: {largest.text}"
     best = max(candidates, key=lambda bed: bed.contrast_k)
     needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
     return (

@@ -7,7 +7,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -15,8 +15,7 @@ import numpy as np
 
 from fieldkit.calibrate.horizon import set_skyline
 from fieldkit.config import Config, edit
-from fieldkit.estimation.region_check import check_region
-from fieldkit.model.arrays import FloatArray
+from fieldkit.estimation.region_check import CameraView, check_region
 from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import FieldkitError, RefusedError
 from fieldkit.model.marks import Mark
@@ -230,39 +229,38 @@ class Answers:
         region = request.region.region
         if request.shrink:
             region = region.shrunk(request.shrink)
-        shape, frame, present = self._outline_of(request.session)
+        view, present = self._drawn_on(request.session)
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
-        check = check_region(region, shape, frame, others)
+        check = check_region(region, view, others)
         about = {"spread_c": check.spread_k, "text": check.text or "ok", "points_px": region.points_px}
         return attributes(check, "pixels", "level", "shrink_px") | about
 
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
-        _, frame, present = self._outline_of(request.session)
-        if frame is None:
+        view, present = self._drawn_on(request.session)
+        if view is None or view.frame is None:
             raise RefusedError(
                 "there is no frame with known temperatures",
                 fix="wait for one, or draw the regions",
             )
-        return [suggestion.document() for suggestion in suggestions_in(frame, present)]
+        return [suggestion.document() for suggestion in suggestions_in(view.frame, present, view.noise_k)]
 
-    def _outline_of(
-        self, session: str | None
-    ) -> tuple[tuple[int, ...] | None, FloatArray | None, Sequence[Region]]:
-        """Shape and kelvin of the frame that is drawn on, and the regions there already."""
+    def _drawn_on(self, session: str | None) -> tuple[CameraView | None, Sequence[Region]]:
+        """The frame that is drawn on, and the regions there already."""
         if session is None:
-            return *self._frame_k(), self.hub.latest.regions
+            return self._latest_view(), self.hub.latest.regions
         frame = self.past.frame_k(session)
-        return frame.shape, frame, self.config.regions
+        return CameraView(frame.shape, frame), self.config.regions
 
-    def _frame_k(self) -> tuple[tuple[int, ...] | None, np.ndarray[Any, np.dtype[np.float64]] | None]:
+    def _latest_view(self) -> CameraView | None:
         latest, frame = self.hub.latest, self.hub.latest.frame
         if frame is None:
-            return None, None
+            return None
         info = latest.streams[frame.stream]
         values = frame_image.values(frame, info)
         is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(values).all())
-        return values.shape, values + CELSIUS_ZERO_K if is_known else None
+        view = campaign_regions.camera_views(self.config, [info])[""]
+        return replace(view, frame=values + CELSIUS_ZERO_K) if is_known else view
 
     async def _redraw(self, request: requests.Redrawing) -> Done:
         """Change the campaign's regions, and those of its recording if one runs.
@@ -296,8 +294,7 @@ class Answers:
             raise RefusedError(
                 "no frame has been received yet", fix="wait for the first frame, then draw the skyline"
             )
-        shape = self._frame_k()[0]
-        assert shape is not None
+        shape = frame.counts.shape
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
         highest = max(elevation for _, elevation in horizon)
         return Done("; ".join([f"the horizon is the skyline, up to {highest:.1f}°", *self._reread()]))

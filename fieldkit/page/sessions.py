@@ -28,7 +28,7 @@ from fieldkit.page.pictures import thumbnail
 from fieldkit.page.viewer import Role
 from fieldkit.recording.background import command_error
 from fieldkit.recording.recordings import sessions_in
-from fieldkit.recording.regions import mean_of_first_frames_k
+from fieldkit.recording.regions import first_frames_k
 from fieldkit.results.describe import describe_briefly, recorded_slopes
 from fieldkit.results.report import default_path
 from fieldkit.sessions.lock import is_locked, journal_path
@@ -112,7 +112,7 @@ class PastSessions:
         """The mean of a session's first good frames in kelvin, to draw on."""
         path = self.sealed_path(identity)
         if path not in self._frames:
-            self._frames = {path: mean_of_first_frames_k(path)}  # of the one that is looked at
+            self._frames = {path: first_frames_k(path).mean(axis=0)}  # of the one that is looked at
         return self._frames[path]
 
     def thumbnail(self, identity: str) -> bytes:
@@ -120,7 +120,7 @@ class PastSessions:
         path = self.sealed_path(identity)
         key = (path, path.stat().st_mtime_ns)
         if key not in self._thumbnails:
-            self._thumbnails[key] = thumbnail(mean_of_first_frames_k(path))
+            self._thumbnails[key] = thumbnail(first_frames_k(path).mean(axis=0))
         return self._thumbnails[key]
 
     def slopes(self, identity: str) -> list[dict[str, Any]]:

@@ -10,8 +10,9 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, model_war
 from fieldkit.config import Config
 from fieldkit.config.pose import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
+from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.channels import how_to_state
-from fieldkit.model.device import StreamInfo, frame_shapes
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action, Text
 from fieldkit.model.site import Site
@@ -19,6 +20,7 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
 from fieldkit.recording.opening import Instruments
+from fieldkit.recording.regions import camera_views
 from fieldkit.views import formatting
 
 NO_REGIONS = (
@@ -75,21 +77,19 @@ def _use_warnings(key: str, record: CalibrationRecord, config: Config, light: st
 
 
 def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify) -> None:
-    """Raise `ConfigError` if a region reaches outside its camera's frame; warn if there are none."""
-    shapes = frame_shapes(streams)
-    if shapes and not config.regions:
+    """Raise `ConfigError` if a region reaches outside its camera's frame; warn of what else is wrong."""
+    views = camera_views(config, streams)
+    if views and not config.regions:
         notify(NO_REGIONS)
-    for region in config.regions if shapes else ():
-        if region.camera not in shapes:
+    for inspection in check_regions(config.regions, views) if views else ():
+        region, failures = inspection.region, "; ".join(inspection.failures)
+        if region.camera not in views:
             notify(f"region {region.name}: there is no camera {region.camera}, so it has no temperature")
-            continue
-        rows, cols = shapes[region.camera]
-        if not region.is_within((rows, cols)):
-            raise ConfigError(
-                f"reaches outside the frame of {cols} x {rows} pixels",
-                place=f"region {region.name}",
-                fix="correct its points_px in fieldkit.toml",
-            )
+        elif not region.is_within(views[region.camera].shape):
+            fix = "correct its points_px in fieldkit.toml"
+            raise ConfigError(failures, place=f"region {region.name}", fix=fix)
+        elif failures:
+            notify(f"region {region.name}: {failures}")
 
 
 def _check_trajectory(config: Config, now_ns: int, duration_s: float, notify: Notify) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.channels import with_components
-from fieldkit.model.device import StreamInfo, frame_shapes
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds, times_of_day
 from fieldkit.model.mark_times import moments_of
 from fieldkit.model.samples import Sample
@@ -34,6 +34,7 @@ from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.recording.recordings import session_path
 from fieldkit.recording.redrawing import Redrawing
+from fieldkit.recording.regions import camera_views
 from fieldkit.recording.request_reader import RequestReader
 from fieldkit.recording.requests import inbox
 from fieldkit.recording.running import PREVIEW_ENDS_WITHIN_S, PREVIEW_LOCK_NAME, only_recorder
@@ -262,7 +263,7 @@ class _Series:
         self._prepared, self._views, self._stopping, self._end_ns = prepared, views, stopping, end_ns
         self._header = header_of(config, prepared.name, instruments.streams, command_line)
         self._alarms = alarm_watch(config, instruments.streams)
-        self._redrawing = Redrawing(config.regions, frame_shapes(instruments.streams), config.site)
+        self._redrawing = Redrawing(config.regions, camera_views(config, instruments.streams), config.site)
 
     def follow(self, session: _OpenSession) -> _OpenSession:
         """The session that takes over; requests sent to the one before are carried out in it."""

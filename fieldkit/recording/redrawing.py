@@ -12,7 +12,7 @@ from fieldkit.config.config import RECORDINGS
 from fieldkit.config.edit import Draft, editing
 from fieldkit.config.toml_schema import RegionOutline, RegionTable
 from fieldkit.disk import one_at_a_time
-from fieldkit.estimation.region_check import check_regions
+from fieldkit.estimation.region_check import CameraView, check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
@@ -43,10 +43,10 @@ class NewRegions:
 
 @dataclass
 class Redrawing:
-    """The regions of a recording as they are now; `shapes` are of its cameras' frames (rows, cols)."""
+    """The regions of a recording as they are now; `views` are of its cameras."""
 
     regions: tuple[Region, ...]
-    shapes: Mapping[str, tuple[int, ...]]
+    views: Mapping[str, CameraView]
     site: Site
 
     def __post_init__(self) -> None:
@@ -96,7 +96,7 @@ class Redrawing:
             return [str(error)]
         return [
             f"{inspection.region.name}: {failure}"
-            for inspection in check_regions(regions, self.shapes)
+            for inspection in check_regions(regions, self.views)
             for failure in inspection.failures
         ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -11,7 +12,8 @@ import numpy as np
 
 from fieldkit.config import Config, ConfigMistakesError, edit, read_config
 from fieldkit.config.edit import Draft
-from fieldkit.estimation.region_check import RegionInspection, check_regions
+from fieldkit.drivers import registry
+from fieldkit.estimation.region_check import CameraView, RegionInspection, check_regions, pixel_noise_k
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import ConfigError, SessionError
@@ -144,13 +146,36 @@ def inspect_regions(config: Config, session: Path | None = None) -> list[RegionI
     """
     if session is not None:
         cameras = {"", *(region.camera for region in config.regions)}
-        frames = {name: mean_of_first_frames_k(session, name) for name in cameras}
-        return check_regions(config.regions, {name: frame.shape for name, frame in frames.items()}, frames)
-    camera = config.tables.camera
-    shapes = (
-        {"": (camera.height_px, camera.width_px)} if camera and camera.height_px and camera.width_px else {}
-    )
-    return check_regions(config.regions, shapes)
+        views = {name: view_of_frames(config, first_frames_k(session, name)) for name in cameras}
+        return check_regions(config.regions, views)
+    camera, views = config.tables.camera, {}
+    if camera and camera.height_px and camera.width_px:
+        shape = camera.height_px, camera.width_px
+        views[""] = CameraView(shape, noise_k=minute_noise_k(config, registry.noise_k(camera.driver)))
+    return check_regions(config.regions, views)
+
+
+def camera_views(config: Config, streams: Iterable[StreamInfo]) -> dict[str, CameraView]:
+    """The view of each camera that is open by its name, with its driver's noise; of the first also by ""."""
+    streams = tuple(streams)
+    cameras = {name: find_camera(streams, name) for name in ("", *(info.name for info in streams))}
+    return {
+        name: CameraView(info.shape, noise_k=minute_noise_k(config, registry.noise_k(info.driver)))
+        for name, info in cameras.items()
+        if info is not None
+    }
+
+
+def view_of_frames(config: Config, frames: FloatArray) -> CameraView:
+    """The mean of successive frames (n, rows, cols) of kelvin, with the noise that they have themselves."""
+    return CameraView(frames.shape[1:], frames.mean(axis=0), minute_noise_k(config, pixel_noise_k(frames)))
+
+
+def minute_noise_k(config: Config, noise_k: float) -> float:
+    """Noise of the mean of a minute's frames of `noise_k`: those in bursts, else one a second."""
+    record = config.tables.record
+    frames = 60.0 * record.burst_frames / record.every_s if record.sampling == "bursts" else 60.0
+    return noise_k / math.sqrt(max(1.0, frames))
 
 
 def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
@@ -185,8 +210,8 @@ def _failure_text(inspection: RegionInspection) -> str:
     return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
 
 
-def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
-    """Mean of the first good frames of a session's camera, by default the first, kelvin, (rows, cols).
+def first_frames_k(path: Path, name: str = "") -> FloatArray:
+    """The first good frames of a session's camera, by default the first, kelvin, (n, rows, cols).
 
     Raises `SessionError` if the session has no frames with a temperature.
     """
@@ -198,7 +223,7 @@ def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
         first_frames = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not first_frames:
         raise SessionError("no usable frame with temperatures", place=path, fix="omit " + Argument("session"))
-    return np.asarray(np.mean(first_frames, axis=0, dtype=np.float64))
+    return np.array(first_frames, np.float64)
 
 
 def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FloatArray]:

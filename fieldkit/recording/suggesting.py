@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
@@ -21,7 +22,7 @@ from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preview import usable_frame
 from fieldkit.recording.record import config_of
-from fieldkit.recording.regions import add_region, mean_of_first_frames_k
+from fieldkit.recording.regions import add_region, first_frames_k, view_of_frames
 from fieldkit.recording.running import session_in_progress
 
 if TYPE_CHECKING:
@@ -61,13 +62,18 @@ def suggest_regions(
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)
     if recorded is not None:
-        return suggestions_in(mean_of_first_frames_k(Path(recorded)), config.regions)
-    with open_instruments(config, allow_missing=True) as instruments:
-        return suggestions_in(_next_frames_k(instruments), config.regions)
+        frames = first_frames_k(Path(recorded))
+    else:
+        with open_instruments(config, allow_missing=True) as instruments:
+            frames = _next_frames_k(instruments)
+    view = view_of_frames(config, frames)
+    return suggestions_in(frames.mean(axis=0), config.regions, view.noise_k)
 
 
-def suggestions_in(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedRegion]:
-    """Regions found in a frame (rows, cols) of kelvin apart from those `present`.
+def suggestions_in(
+    frame: FloatArray, present: Sequence[Region], noise_k: float = math.nan
+) -> list[SuggestedRegion]:
+    """Regions found in a frame (rows, cols) of kelvin apart from those `present`; noise as in `CameraView`.
 
     The one that differs least from its surroundings is suggested as reference where there is none: level sand
     receives the light that level ground receives. Whether it is level must be measured. It comes first.
@@ -75,7 +81,9 @@ def suggestions_in(frame: FloatArray, present: Sequence[Region]) -> list[Suggest
     """
     shape = frame.shape[0], frame.shape[1]
     present_pixels = np.any([region.mask(shape) for region in present if not region.camera], axis=0)
-    beds = [bed for bed in find_beds(frame) if not (_outline("", bed).mask(shape) & present_pixels).any()]
+    beds = [
+        bed for bed in find_beds(frame, noise_k) if not (_outline("", bed).mask(shape) & present_pixels).any()
+    ]
     if not beds:
         raise NoAnswerError("every bed that was found has a region already", fix=FIX)
     wants_reference = all(region.kind is not RegionKind.REFERENCE for region in present)
@@ -104,10 +112,10 @@ def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:
 
 
 def _next_frames_k(instruments: Instruments) -> FloatArray:
-    """Mean of the camera's next usable frames."""
+    """The camera's next usable frames (n, rows, cols)."""
     frames = [usable_frame(instruments) for _ in range(FRAMES)]
     info = next(info for info in instruments.streams if info.name == frames[0].stream)
     if not has_temperatures(info):
         raise NoAnswerError("the camera's temperatures are not known", fix=Action.DOCTOR() + " shows why")
     kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in frames]
-    return np.asarray(np.mean(kelvin, axis=0, dtype=np.float64))
+    return np.array(kelvin, np.float64)

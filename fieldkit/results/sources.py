@@ -15,7 +15,7 @@ from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.template import assignment
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
-from fieldkit.estimation.region_check import check_regions
+from fieldkit.estimation.region_check import CameraView, check_regions
 from fieldkit.model.device import frame_shapes
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.marks import numbers_named
@@ -127,7 +127,8 @@ def source_of(
 
 def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
-    checks = check_regions(regions, frame_shapes(tuple(session.streams.values())))
+    shapes = frame_shapes(tuple(session.streams.values()))
+    checks = check_regions(regions, {name: CameraView(shape) for name, shape in shapes.items()})
     if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
         raise ConfigError(
             "; ".join(failures), place=session.path, fix="draw them again on the session's frames"

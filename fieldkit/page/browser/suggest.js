@@ -22,7 +22,7 @@ function showSuggestions(list) {
 function suggestionButton(region) {
   const { name, kind, points_px, contrast_k: contrast } = region;
   const add = async () => {
-    const answer = await request({ do: "add_region", region: { name, kind, points_px, tilt_deg: kind === "reference" ? 0 : null } });
+    const answer = await request({ do: "add_region", region: { name, kind, points_px } });
     if (answer.ok) showSuggestions(suggesting.list.filter((one) => one !== region));
     showAnswer(answer);
   };

@@ -128,7 +128,7 @@ def test_what_is_no_region_is_not_added(refused, arguments, code, said):
     assert said in message
 
 
-@pytest.mark.parametrize(("rect", "said"), [("6,30,3,3", "100 px"), ("70,40,32,61", "1000 px with b15")])
+@pytest.mark.parametrize(("rect", "said"), [("6,30,6,30", "7 x 7"), ("70,40,32,61", "1000 px with b15")])
 def test_a_region_that_cannot_be_used_is_told_when_it_is_added(roi, tmp_path, rect, said):
     assert "check" not in roi("add", "b15", "--reference", "--rect", "82,40,20,50").stderr
     warning = roi("add", "b20", "--rect", rect).stderr
@@ -169,8 +169,8 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     assert changed.points_px == ((86, 34), (109, 34), (109, 86), (86, 86))
     assert (changed.tilt_deg, changed.azimuth_deg) == (15.5, 180.0)
     assert "[[region]]  # wet" in file.read_text()
-    assert "100 px" not in roi("edit", "b15", "--shrink", "9").stderr
-    assert "100 px" in roi("edit", "b15", "--shrink", "2").stderr
+    assert "7 x 7" not in roi("edit", "b15", "--shrink", "8").stderr
+    assert "7 x 7" in roi("edit", "b15", "--shrink", "2").stderr
 
 
 @pytest.mark.parametrize(

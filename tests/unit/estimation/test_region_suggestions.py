@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.suggested_regions import Score, drawn_frame, score
-from fieldkit.estimation.region_check import check_region
+from fieldkit.estimation.region_check import CameraView, check_region
 from fieldkit.estimation.region_suggestions import find_beds
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
@@ -51,7 +51,8 @@ def test_beds_are_in_reading_order_inset_and_usable_as_regions():
     xs, ys = zip(*beds[0].points_px, strict=True)
     np.testing.assert_allclose((min(xs), min(ys), max(xs), max(ys)), (23, 23, 56, 46), atol=2.0)
     for bed in beds:
-        assert check_region(Region("bed", RegionKind.TARGET, bed.points_px), frame.shape, frame).level == "ok"
+        region = Region("bed", RegionKind.TARGET, bed.points_px)
+        assert check_region(region, CameraView(frame.shape, frame)).level == "ok"
 
 
 def test_a_larger_frame_has_the_same_beds_in_its_own_pixels():

@@ -13,7 +13,7 @@ from fieldkit.config import ConfigMistakesError, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.site import RegionKind
 from fieldkit.recording.campaign import create_campaign
-from fieldkit.recording.regions import mean_of_first_frames_k
+from fieldkit.recording.regions import first_frames_k
 from fieldkit.results.session import Session
 from tests.harness.once import made_once
 
@@ -70,7 +70,7 @@ def test_series_map_and_report_show_a_region_in_its_own_cameras_frames(session):
     assert names == {"camera": ("flat", "b05"), "second": ("b15", "b25")}
     assert [region.name for region in session.slope_map(window="all").regions] == ["flat", "b05"]
     assert session.report().path.exists()
-    first, second = (mean_of_first_frames_k(session.path, stream) for stream in ("camera", "second"))
+    first, second = (first_frames_k(session.path, stream).mean(axis=0) for stream in ("camera", "second"))
     assert np.median(second - first) == pytest.approx(0.4, abs=0.05)
 
 
