@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -34,6 +34,7 @@ _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Distances from the edge of an even area, which ends up to two pixels before that of its bed."""
 _FARTHER = 1.5  # by so much of the pixels of an enlarged frame, which may see both
+NEARER = "bring the camera nearer or turn it to the beds, or draw them: " + Action.ADD_REGION()
 FIX = "try again when the sun has warmed the beds apart, or draw them: " + Action.ADD_REGION()
 
 
@@ -74,11 +75,15 @@ def find_beds(frame: FloatArray, noise_k: float = math.nan) -> list[FoundBed]:
     enlarged, factor = (max(1, round(ratio)) for ratio in (_COLS / frame.shape[1], frame.shape[1] / _COLS))
     image = _working_image(filled, enlarged, factor)
     candidates = [bed for corners in _quadrilaterals(image) if (bed := _measure(corners, image, enlarged))]
-    beds = [_in_frame(bed, factor / enlarged, frame.shape) for bed in _apart(candidates, image.shape)]
+    beds = [_in_frame(bed, factor / enlarged) for bed in _apart(candidates, image.shape)]
     checks = [check_region(_region(bed.points_px), CameraView(frame.shape, filled, noise_k)) for bed in beds]
-    usable = [bed for bed, check in zip(beds, checks, strict=True) if check.level == "ok"]
+    usable = [
+        replace(bed, pixels=check.pixels, spread_k=check.spread_k)
+        for bed, check in zip(beds, checks, strict=True)
+        if check.level == "ok"
+    ]
     if not usable:
-        raise NoAnswerError(_missing(candidates, checks), fix=FIX)
+        raise NoAnswerError(_missing(candidates, checks), fix=NEARER if checks else FIX)
     largest = max(bed.pixels for bed in usable)
     large = [bed for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
     return sorted(large, key=lambda bed: _row_by_row(bed, frame.shape[0]))
@@ -175,12 +180,10 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     return separate
 
 
-def _in_frame(bed: FoundBed, factor: float, shape: tuple[int, ...]) -> FoundBed:
+def _in_frame(bed: FoundBed, factor: float) -> FoundBed:
     """A bed of the working size in pixels of the frame, whose centres are at whole numbers."""
     corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.points_px]
-    points_px = tuple((round(x, 1), round(y, 1)) for x, y in corners)
-    pixels = int(_region(points_px).mask((shape[0], shape[1])).sum())
-    return FoundBed(points_px, pixels, bed.contrast_k, bed.spread_k)
+    return replace(bed, points_px=tuple((round(x, 1), round(y, 1)) for x, y in corners))
 
 
 def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
