@@ -1,4 +1,4 @@
-"""From suggested regions to the slopes of what they cover: by command, page and Python, with small cameras too."""
+"""From suggested regions to the slopes of what they cover: by command, page and Python."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
