@@ -26,7 +26,14 @@ from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
 from fieldkit.sessions.formats import stills
-from fieldkit.sessions.formats.imported import ImportedRecording, possible, write_imported
+from fieldkit.sessions.formats.imported import (
+    ImportedRecording,
+    MissingOptionsError,
+    UnstatedZoneError,
+    possible,
+    together,
+    write_imported,
+)
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.joined import (
     clock_difference,
@@ -48,6 +55,10 @@ from fieldkit.weather import is_station_file
 AUTO: Literal["auto"] = "auto"
 _OFFSET = Argument("offset_s")
 TABLES = (".csv", ".txt", ".tsv", ".dat")
+_NO_SITE = MissingOptionsError(
+    "where this was recorded is not known, and slopes need it",
+    fix="give its " + Argument("site") + ", or run this inside a campaign",
+)
 NEAR_M = 2000.0
 """A station nearer than this has the session's clouds."""
 
@@ -206,8 +217,11 @@ def import_recording(
     source, options = Path(source), options or ImportOptions()
     if options.offset_s == AUTO:
         raise ConfigError("auto needs the session to align with", place=_OFFSET, fix=Action.IMPORT_INTO())
-    recording = read_source(source, options)
     config = _campaign_or_none(Path(campaign), notify)
+    try:
+        recording = _read_in_zone(source, options, config.site if config else None, "campaign")
+    except MissingOptionsError as error:
+        raise together(error, *(() if options.site or config else (_NO_SITE,))) from None
     site, recording = _with_site(recording, options.site, config)
     recording = possible(recording, config.limits if config else changed_rows({}, site.body), site)
     regions = config.regions if config else ()
@@ -243,9 +257,9 @@ def import_into(
     _refuse_unused(source, options, {"title", "site"}, "merged into a session, which keeps site and title")
     if is_session(source):
         return _join(session, source, out, options)
-    recording = read_source(source, options)
-    stream_name = options.name or recording.streams[0].name
     with reading(session) as opened:
+        recording = _read_in_zone(source, options, opened.site, "session")
+        stream_name = options.name or recording.streams[0].name
         default = opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
         path = default if out is None else Path(out)
         if options.offset_s == AUTO:
@@ -313,10 +327,7 @@ def _with_site(
     if place is not None:
         return place, recording
     if config is None:
-        raise ConfigError(
-            "where this was recorded is not known, and slopes need it",
-            fix="give its " + Argument("site") + ", or run this inside a campaign",
-        )
+        raise _NO_SITE
     place = config.site
     where = f"{_coordinates(place)}{_note_on_default(place)}"
     return place, _with_warning(
@@ -385,13 +396,29 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
         if source_format.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - source_format.uses
             _refuse_unused(source, options, unused, source_format.name)
-            return source_format.read(source, options)
+            recording = source_format.read(source, options)
+            zone = options.zone or source_format.zone
+            note = (Severity.INFO, f"times in {zone}")
+            return replace(recording, notes=(*recording.notes, *([note] if source_format.zone else ())))
     raise ConfigError(
         "no format that fieldkit reads",
         place=source,
         fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, TIFF, 16-bit PNG and .irg frames, "
         "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
     )
+
+
+def _read_in_zone(source: Path, options: ImportOptions, site: Site | None, whose: str) -> ImportedRecording:
+    """The recording, its times in the zone of a site where neither source nor options say anything of one."""
+    try:
+        return read_source(source, options)
+    except UnstatedZoneError:
+        # by a longitude the zone is whole hours without summer time, and a session's may be UTC by default
+        if site is None or site.timezone.startswith("Etc/") or (site.timezone, whose) == ("UTC", "session"):
+            raise
+        recording = read_source(source, replace(options, zone=site.timezone))
+        text = f"no zone is stated: its times were taken in that of the {whose}, {site.timezone}"
+        return _with_warning(recording, text)
 
 
 def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
@@ -485,6 +512,7 @@ def _zone(options: ImportOptions) -> ZoneInfo | None:
 class _Format(NamedTuple):
     """A format: what a file of it is called, how it is recognised and read, the options that its reader uses.
 
+    `zone` is that of its times, where no note of the reader has it.
     All other fields of `ImportOptions` are refused, so a reader sees nothing but what it declares.
     """
 
@@ -492,6 +520,7 @@ class _Format(NamedTuple):
     fits: Callable[[Path], bool]
     read: Callable[[Path, ImportOptions], ImportedRecording]
     uses: frozenset[str] = frozenset()
+    zone: str = ""
 
 
 _OF_ALL = {"name", "title", "site"}
@@ -501,10 +530,10 @@ _READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
 _TABLE = frozenset({*_READINGS, "time_format", "time_columns", "encoding"})
 _FORMATS = (
     _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
-    _Format("a FLIR recording", _is_flir, _flir, _TIMES),
-    _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES),
-    _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station),
+    _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
+    _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES, "UTC"),
+    _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
-    _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"})),
+    _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),
     _Format("a table", _is_table, _table, _TABLE),  # last: other formats have the same suffixes
 )

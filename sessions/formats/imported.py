@@ -33,6 +33,27 @@ from fieldkit.sessions.writer import SessionWriter
 T = TypeVar("T")
 
 
+class MissingOptionsError(ConfigError):
+    """A source leaves open what its options must give."""
+
+
+class UnstatedZoneError(MissingOptionsError):
+    """Among it is the zone, of which a table says nothing: it may be that of the campaign."""
+
+
+def together(*errors: ConfigError) -> ConfigError:
+    """All that is missing as one error; another error goes before it."""
+    missing = [error for error in errors if isinstance(error, MissingOptionsError)]
+    if len(errors) == 1 or len(missing) < len(errors):
+        return next((error for error in errors if error not in missing), errors[0])
+    is_unstated = any(isinstance(error, UnstatedZoneError) for error in errors)
+    problem, fix = errors[0].problem, errors[0].fix or ""
+    for error in errors[1:]:
+        problem, fix = problem + "; " + error.explanation, fix + "; " + (error.fix or "")
+    kind = UnstatedZoneError if is_unstated else MissingOptionsError
+    return kind(problem, place=errors[0].place, fix=fix)
+
+
 @dataclass(frozen=True, slots=True)
 class ImportedRecording:
     """A recording of another program: its streams, its samples in order of time, notes on it.

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime, tzinfo
+from datetime import UTC, tzinfo
 from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -24,7 +24,13 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, usual_rate_hz
+from fieldkit.sessions.formats.imported import (
+    ImportedRecording,
+    MissingOptionsError,
+    free_name,
+    imported_reading,
+    usual_rate_hz,
+)
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
@@ -38,6 +44,7 @@ from fieldkit.sessions.formats.tables import (
     read_table,
 )
 from fieldkit.sessions.formats.times import Times, plausible_ns, read_times
+from fieldkit.sessions.formats.zones import example
 
 _EXPORTED = ("seq", "flags", "mono_ns")
 """The last columns of the tables that fieldkit exports (`fieldkit.sessions.analysis.to_pandas`)."""
@@ -93,7 +100,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     )
     channels, about_columns = _channels(path, table, options)
     _refuse_marks(path, table, channels)
-    rows, about_times = _timed_rows(path, table, options)
+    rows, zone, about_times = _timed_rows(path, table, options)
     _refuse_several_things(path, table, rows)
     rate_hz = usual_rate_hz([row.time_ns for row in rows])
     raw_bytes = max(len(_raw(row)) for row in rows)
@@ -102,7 +109,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
-        (Severity.INFO, f"{path.name}: {len(rows)} rows{applied}"),
+        (Severity.INFO, f"{path.name}: {len(rows)} rows, times {zone}{applied}"),
         *about_times,
         *about_columns,
         *_on_end(table),
@@ -116,27 +123,52 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
 # --- rows and their times
 
 
-def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[TimedRow], Notes]:
-    """The rows with a time, in order of time; the others are named."""
+def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[TimedRow], str, Notes]:
+    """The rows with a time, in order of time; the zone they were taken in; notes that name the others."""
     rows = table.rows
-    texts, zone = [table.time_text(row) for row in rows], options.zone or table.zone
-    times = read_times(texts, zone, options.time_format)
+    times, zone, notes = _times(path, table, options)
     errors = dict(times.unreadable) | _too_long(table)
     if 2 * len(errors) >= len(rows):
         place = min(errors)
         error = errors[place]
-        raise ConfigError(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
+        raise type(error)(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
     timed = [
         TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
         for place, row in enumerate(rows)
         if place not in errors
     ]
-    notes: Notes = _on_zone(path, table, options.zone, times)
     if errors:
         named_rows = [f"row {rows[place].number} ({errors[place].message})" for place in sorted(errors)]
         notes.append((Severity.WARNING, f"{row_count(named_rows)} excluded: {listing(named_rows)}"))
     ordered, about_order = in_clock_order(path, timed, options.keep)
-    return ordered, notes + about_order
+    return ordered, zone, notes + about_order
+
+
+def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, Notes]:
+    """The times by row, words on their zone, and a note on one that is given for nothing.
+
+    Raises `ConfigError` where what the table states differs from the zone given, or in itself, or is open.
+    """
+    texts = [table.time_text(row) for row in table.rows]
+    stated = [zone for one in table.stated for zone in one.zones]
+    zone = options.zone or next(iter(stated), UTC if table.stated else None)
+    times = read_times(texts, zone, options.time_format)
+    if not times.needed_zone:
+        text = f"every time states its own offset: the zone {options.zone} applies to none"
+        return times, "with their own offset", [(Severity.WARNING, text)] if options.zone else []
+    agree = [read_times(texts, other, options.time_format).known_ns == times.known_ns for other in stated]
+    if options.zone and stated and not any(agree):
+        raise ConfigError(
+            f"its times are of the zone {stated[0]}, not of {options.zone}",
+            place=path,
+            fix="omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock",
+        )
+    words = " and ".join(repr(one.words) for one in table.stated)
+    if not options.zone and table.stated and not (stated and all(agree)):
+        fix = "name the zone that its clock kept, such as " + Argument("zone", example(table.stated))
+        raise MissingOptionsError(f"leaves the zone of its times open: {words}", place=path, fix=fix)
+    source = ", as it states: " if not options.zone else ", as given for "
+    return times, f"in {zone}" + (source + words if words else ""), []
 
 
 def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -> None:
@@ -174,23 +206,6 @@ def _too_long(table: Table) -> dict[int, ConfigError]:
         for place, row in enumerate(table.rows)
         if any(row.cells[width:]) or any(cell.isdecimal() for cell in row.cells[named_width:])
     }
-
-
-def _on_zone(path: Path, table: Table, given: tzinfo | None, times: Times) -> Notes:
-    """A note if the times need no zone; raises `ConfigError` where the table states another than is given."""
-    if given is None:
-        return []
-    if not times.needed_zone:
-        return [(Severity.WARNING, f"every time states its own offset: the zone {given} applies to none")]
-    stated = table.zone or given
-    moments = [datetime.fromtimestamp(time_ns // 10**9, given) for time_ns in times.known_ns.values()]
-    if any(moment.utcoffset() != moment.astimezone(stated).utcoffset() for moment in moments):
-        raise ConfigError(
-            f"its times are of the zone {stated}, not of {given}",
-            place=path,
-            fix="omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock",
-        )
-    return []
 
 
 # --- columns and what they measure

@@ -18,7 +18,6 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import tzinfo
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +26,8 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import short_cut_unit, unit_of
 from fieldkit.sessions.formats.imported import free_name
-from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix, stated_zone
+from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix
+from fieldkit.sessions.formats.zones import Statement, is_label, statements
 
 _MAX_BYTES = 100_000_000
 _DELIMITERS = ";\t,"
@@ -41,6 +41,7 @@ _NAME_ENCODING = Argument("encoding", "cp1252") + " (Western Windows), cp932 (Ja
 SAMPLED, AVERAGED = ("", "Smp"), ("Avg", "WVc")  # WVc: a mean of wind vectors
 _PROCESSES = ("Smp", *AVERAGED, "Max", "Min", "Std", "Tot", "Med", "TMx", "TMn", "Cov", "Mom", "Hst", "FFT")
 _PROCESS = re.compile(rf"_({'|'.join(_PROCESSES)})(?=$|_\d+$|\(\d+\)$)")
+_MOST_ZONES = 3  # a column of more values is of something else
 _UNIT_COLUMN = re.compile(r"unit|einheit|単位|单位", re.IGNORECASE)
 _CAMPBELL = ("TOA5", "TOACI1")
 _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
@@ -77,15 +78,15 @@ class Column(NamedTuple):
 class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
-    `has_decimal_commas`: a comma in a number is its decimal point; `zone` is of the times, where the file
-    states it. Without `has_end` the file ends within its last line.
+    `has_decimal_commas`: a comma in a number is its decimal point; `stated` is what the file says of the
+    zone of its times. Without `has_end` the file ends within its last line.
     """
 
     columns: list[Column]
     rows: list[Row]
     time_at: tuple[int, ...]
     has_decimal_commas: bool
-    zone: tzinfo | None = None
+    stated: Sequence[Statement] = ()
     has_end: bool = True
 
     def time_text(self, row: Row) -> str:
@@ -135,8 +136,9 @@ def read_table(
     _refuse_another_header(path, names, below, body, date)
     named_at = tuple(place_of(path, columns, name) for name in time_names)
     time_at = named_at or _time_at(path, columns, body, date)
-    zone = _zone((names, *below), rows[:first], time_at)
-    return Table(columns, body, time_at, delimiter != ",", zone, text.endswith(("\n", "\r")))
+    head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
+    stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
+    return Table(columns, body, time_at, delimiter != ",", stated, text.endswith(("\n", "\r")))
 
 
 def named(path: Path, column: Column) -> str:
@@ -336,11 +338,21 @@ def _time_at(path: Path, columns: Sequence[Column], rows: Sequence[Row], date: i
     return (date,)
 
 
-def _zone(head: Sequence[Sequence[str]], above: Sequence[Row], time_at: Sequence[int]) -> tzinfo | None:
-    """The zone that the header of the time states, or a line above, as ``Time zone: UTC+9``."""
-    of_time = [cell_of(cells, place) for cells in head for place in time_at]
-    lines = [line for row in above if "zone" in (line := " ".join(row.cells)).lower()]
-    return next((zone for text in (*of_time, *lines) if (zone := stated_zone(text)) is not None), None)
+def _zone_fields(above: Sequence[Row], columns: Sequence[Column], rows: Sequence[Row]) -> Iterator[str]:
+    """What lines above the table say of a zone, beside or below the word for it, and columns of it."""
+    for row, below in zip(above, [*above[1:], Row(0, [])], strict=False):
+        for place, cell in enumerate(row.cells):
+            if is_label(cell):
+                values = [value for value in row.cells[place + 1 :] if value]
+                yield (
+                    ", ".join([cell, *values]) if ":" in cell or not values else f"{cell}: {' '.join(values)}"
+                )
+                if len(row.cells) == len(below.cells) > 2:
+                    yield f"{cell}: {cell_of(below.cells, place)}"
+    for place, column in enumerate(columns):
+        zones = {cell_of(row.cells, place) for row in rows} if is_label(column.label) else set()
+        if len(zones) <= _MOST_ZONES:
+            yield from (f"{column.label}: {zone}" for zone in sorted(zones) if re.search("[A-Za-z:]", zone))
 
 
 # --- what the header states of each column
@@ -397,7 +409,7 @@ def _of_onset(names: list[str]) -> list[str]:
 def _parts(cell: str) -> tuple[str, str, str]:
     """Name, unit and serial number of the sensor, as far as the cell of a header has them."""
     match = _HOBO.fullmatch(cell)
-    if match is None or stated_zone(cell) is not None:
+    if match is None or any(one.zones for one in statements([cell], [])):
         return cell, "", ""
     more = match["more"] or ""
     label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)

@@ -8,7 +8,7 @@ import re
 import statistics
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime, timedelta, timezone, tzinfo
+from datetime import datetime, timedelta, tzinfo
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from typing import NamedTuple
 from fieldkit.model import clock
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Text
-from fieldkit.model.site import known_zone
+from fieldkit.sessions.formats.imported import UnstatedZoneError
 
 _COARSE_S = 1800.0
 """Rows so far apart cannot go back within an hour that comes twice."""
@@ -111,7 +111,7 @@ def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
         return moment
     if zone is None:
         fix = Argument("zone", "Asia/Tokyo") + ", or UTC"
-        raise ConfigError("a time without a zone", place=repr(text), fix=fix)
+        raise UnstatedZoneError("a time without a zone", place=repr(text), fix=fix)
     return moment.replace(tzinfo=zone)
 
 
@@ -269,25 +269,6 @@ def is_unix(text: str) -> bool:
 def is_clock(text: str) -> bool:
     """True if a text is a time of day: ``15:30``, ``15:30:46.5``, ``3:30 PM``."""
     return _CLOCK.fullmatch(text) is not None
-
-
-_OFFSET = re.compile(
-    r"(?<![A-Z])(?:GMT|UTC)(?![A-Z])(?:\s*([+\-−±])\s*(\d{1,2})(?::?(\d{2}))?(?![\d.:])|(?!\s*[+\-−±\d]))",
-    re.IGNORECASE,
-)
-_MOST_HOURS = 14  # Kiribati
-
-
-def stated_zone(text: str) -> tzinfo | None:
-    """The zone that a header states: ``Europe/Berlin``, ``GMT-07:00``, ``UTC+9``, ``UTC``; or None."""
-    for name in re.findall(r"[A-Za-z]+(?:/[\w+-]+)+", text):
-        if (zone := known_zone(name)) is not None:
-            return zone
-    match = _OFFSET.search(text)
-    if match is None or int(match[2] or 0) > _MOST_HOURS:
-        return None
-    ahead = timedelta(hours=int(match[2] or 0), minutes=int(match[3] or 0))
-    return timezone(-ahead if match[1] in ("-", "−") else ahead)
 
 
 # --- of frames, given beside them: in a table, or in the names of their files

@@ -104,7 +104,7 @@ def test_rows_far_from_the_others_or_without_a_time_are_excluded_by_name(tmp_pat
     imported = read(tmp_path, log(times))
     assert lines(imported) == rows
     assert named in notes(imported)
-    assert imported.notes[0][1] == f"log.csv: {len(rows)} rows"
+    assert imported.notes[0][1] == f"log.csv: {len(rows)} rows, times in UTC"
 
 
 def test_years_without_a_gap_are_one_log(tmp_path):

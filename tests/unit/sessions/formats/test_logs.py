@@ -414,7 +414,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
     assert quantities == [("", "air_temperature"), ("",), ("",), ("wind_speed",), ("",)]
     times = [reading.time_ns for reading in imported.samples]
     assert times == sorted(times)
-    assert imported.notes[0][1] == "log.csv: 2 rows"
+    assert imported.notes[0][1] == "log.csv: 2 rows, times in UTC"
     assert "gust [Bft]" in notes(imported)
 
 
