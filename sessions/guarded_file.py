@@ -1,4 +1,4 @@
-"""Writing to a session file on a disk that may fail, with the HDF5 library and past it.
+"""Writing HDF5 files on a disk that may fail, with the library and past it.
 
 When the disk refuses what the HDF5 library wants to write, the library is left with objects that it can
 neither close nor forget, and brings the whole process down at its end. So it writes through a guarded disk,
@@ -68,7 +68,7 @@ class GuardedDisk(io.RawIOBase):
         self.error: OSError | None = None
         self.places: dict[int, int] = {}
         """Offset of the last write of each size: where a chunk that was just written lies."""
-        self._descriptor = os.open(path, os.O_RDWR)
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         self._patience = Patience()
         self._position, self._size = 0, os.fstat(self._descriptor).st_size
         self._begun = self._size
@@ -130,16 +130,16 @@ class GuardedDisk(io.RawIOBase):
 
 
 class GuardedFile:
-    """An existing session file open for writing; ``with GuardedFile(path) as file`` gives the h5py file.
+    """An HDF5 file open for writing; ``with GuardedFile(path) as file`` gives the h5py file.
 
-    It is not locked for HDF5: a reader that follows the recording must not keep it from being sealed. Against
-    a second writer there is the session's own lock.
+    A new one has the `mode` ``w``, and `options` of h5py. It is not locked for HDF5: a reader that follows
+    the recording must not keep it from being sealed. Against a second writer there is the session's own lock.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, mode: str = "r+", **options: Any) -> None:
         self.disk: GuardedDisk = GuardedDisk(path)
         try:
-            self.file: Any = h5py.File(self.disk, "r+", libver=LIBVER)
+            self.file: Any = h5py.File(self.disk, mode, libver=LIBVER, **options)
         except BaseException:
             self.disk.close()
             raise
@@ -154,20 +154,23 @@ class GuardedFile:
         else:
             self.discard()
 
-    def flush(self) -> None:
-        """Give the disk everything; raises `OSError` where it has not taken it."""
-        self.file.flush()
+    def check(self) -> None:
+        """Raise `OSError` where the disk has not taken all that it was given."""
         if self.disk.error is not None:
             raise self.disk.error
 
+    def flush(self) -> None:
+        """Give the disk everything; raises as `check`."""
+        self.file.flush()
+        self.check()
+
     def close(self) -> None:
-        """Close; a second call does nothing. Raises `OSError` where the disk has not taken everything."""
+        """Close; a second call does nothing. Raises as `check`."""
         if self.file:
             self.file.close()
             self.disk.close()
             atexit.unregister(self.discard)
-            if self.disk.error is not None:
-                raise self.disk.error
+            self.check()
 
     def discard(self) -> None:
         """Close, what is not yet on the disk going nowhere."""

@@ -14,7 +14,8 @@ from fieldkit.ground.terrain_products import Layer
 from fieldkit.model.arrays import ByteArray
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeState
-from fieldkit.sessions.file_tree import LIBVER, attach, put_scale, set_attributes
+from fieldkit.sessions.file_tree import attach, put_scale, set_attributes
+from fieldkit.sessions.guarded_file import GuardedFile
 
 _PLACE = {"units": "degree", "coordinates": "latitude longitude"}
 _ABOUT = "state chi_square tilt_low_deg tilt_high_deg azimuth_low_deg azimuth_high_deg"
@@ -64,7 +65,7 @@ def write_map(
 ) -> None:
     """Write the arrays of a map and its products, with attributes of the file. Raises `OSError`."""
     rows, cols = slopes.state.shape
-    with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:
+    with GuardedFile(path, "w", track_order=True) as file:
         set_attributes(file, attributes)
         put_scale(file, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(file, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")

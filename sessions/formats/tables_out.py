@@ -21,7 +21,8 @@ from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.sessions.analysis import as_frame, region_series, stream_columns
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.entry_rows import event_columns
-from fieldkit.sessions.file_tree import LIBVER, put_rows
+from fieldkit.sessions.file_tree import put_rows
+from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
 
@@ -194,12 +195,12 @@ def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
     datasets = session.datasets(name)
     with (
         replacing(path, synced=False) as draft,
-        h5py.File(draft, "w", libver=LIBVER, track_order=True) as file,
+        (guarded := GuardedFile(draft, "w", track_order=True)) as file,
     ):
         _copy_attributes(source.file, file)
         _copy_attributes(source, file)
         for own, dataset in datasets.items():
-            _copy(dataset, file, own)
+            _copy(dataset, file, own, guarded.check)
         for own, dataset in datasets.items():
             _attach(dataset, file, own)
         if name in session.streams:
@@ -237,9 +238,21 @@ def _verify(reader: StreamReader, file: h5py.File) -> None:
                     copy.id.write_direct_chunk((first, y, x), missing)
 
 
-def _copy(dataset: h5py.Dataset, file: h5py.File, name: str) -> None:
-    """The dataset under its own name: its chunks as they are, its attributes but for the scales'."""
-    dataset.file.copy(dataset, file, name, without_attrs=True)
+def _copy(dataset: h5py.Dataset, file: h5py.File, name: str, check: Callable[[], None]) -> None:
+    """The dataset under its own name: its chunks as they are, its attributes but for the scales'.
+
+    Chunk by chunk: what the disk does not take stays in memory, so `check` is called in between.
+    """
+    if dataset.chunks:
+        kind = dataset.id.get_type(), dataset.id.get_space(), dataset.id.get_create_plist()
+        copy, places = h5py.h5d.create(file.id, name.encode(), *kind), list[tuple[int, ...]]()
+        dataset.id.chunk_iter(lambda chunk: places.append(chunk.chunk_offset))
+        for place in places:
+            skipped_filters, data = dataset.id.read_direct_chunk(place)
+            copy.write_direct_chunk(place, data, skipped_filters)
+            check()
+    else:
+        dataset.file.copy(dataset, file, name, without_attrs=True)
     _copy_attributes(dataset, file[name])
     if dataset.is_scale:
         file[name].make_scale(name)

@@ -11,17 +11,19 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
+import h5py
 import pytest
 
 import fieldkit.disk
 from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.results.cache import Cache
 from fieldkit.sessions.check import check
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import disk
-from tests.harness.faulty_recorder import HEADER, LATER, Task
+from tests.harness.faulty_recorder import ESTIMATES, HEADER, LATER, Task
 from tests.harness.recording import CountedClock, header, same, sample
 
 WRITES, HALVES, SYNCS, GONE = range(4)  # as in disk.c
@@ -48,7 +50,13 @@ def check_kept(folder: Path, task: Task, outcome: dict[str, object], *, survives
     path = folder / f"kept-{outcome['n']}" / "field.h5"
     assert outcome["status"] == 0, f"the process did not end in order: {outcome}"
     assert not survives or outcome["outcome"] == "whole", outcome
-    assert str(outcome["outcome"]) in ("whole", "stopped", "StorageError 6", "SessionError 3"), outcome
+    ends = ("whole", "stopped", "StorageError 6", "SessionError 3", "OSError")
+    assert str(outcome["outcome"]) in ends, outcome
+    for copy in [*path.parent.glob("*.nc"), *path.parent.glob("exported/*.nc")]:
+        with h5py.File(copy) as file:
+            assert [dataset.size for dataset in file.values()], copy  # one that is there is whole
+    kept = Cache(path.parent / "cache", checksums=["sealed"]).load(LATER)
+    assert kept is None or (kept["estimates"] == ESTIMATES).all()
     if not path.exists() and not journal_path(path).exists():
         assert outcome["stored"] == 0
         return
@@ -58,10 +66,12 @@ def check_kept(folder: Path, task: Task, outcome: dict[str, object], *, survives
         assert outcome["stored"] == 0  # it failed before there was a session
         return
     with open_session(path) as session:
-        samples, marks = list(session.samples()), [event.text for event in session.events()]
+        samples, steps = list(session.samples(recorded=True)), session.time_map()
+        added = [*(event.text for event in session.events()), *(step.reason for step in steps)]
     assert len(samples) >= int(str(outcome["stored"]))
     assert all(same(item, sample(HEADER.stream(item.stream), item.seq)) for item in samples)
-    assert marks.count(LATER) in ([1] if (task, outcome["outcome"]) == (Task.ADD, "whole") else [0, 1])
+    is_added = task in (Task.MARK, Task.CORRECT) and outcome["outcome"] == "whole"
+    assert added.count(LATER) in ([1] if is_added else [0, 1])
     assert [finding for finding in check(path) if finding.level == "fail"] == []
 
 

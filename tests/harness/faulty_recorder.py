@@ -20,13 +20,21 @@ from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from fieldkit import disk
+from fieldkit.disk import replacing
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.samples import Event, EventKind
+from fieldkit.results import map_file
+from fieldkit.results.cache import Cache
+from fieldkit.results.export import export
 from fieldkit.sessions import guarded_file, journal, session_file, writer
-from fieldkit.sessions.finished_file import add_later_events
+from fieldkit.sessions.finished_file import add_later_events, apply_time_map
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
 
@@ -93,14 +101,49 @@ class Task(StrEnum):
     RECORD = "record"
     SEAL = "seal"
     RECOVER = "recover"
-    ADD = "add"
+    MARK = "mark"
+    CORRECT = "correct"
+    ESTIMATE = "estimate"
+    EXPORT = "export"
+    MAP = "map"
+
+
+def add_mark(path: Path) -> None:
+    add_later_events(path, [Event(EventKind.MARK, 0, 0, LATER)])
+
+
+def correct_times(path: Path) -> None:
+    apply_time_map(path, [TimeStep(0, 10**9, LATER)])
+
+
+def keep_estimates(path: Path) -> None:
+    """Estimates made later are kept beside the session."""
+    Cache(path.parent / "cache", checksums=["sealed"]).store(LATER, {"estimates": ESTIMATES})
+
+
+def export_netcdf(path: Path) -> None:
+    export(path, "netcdf", folder=path.parent / "exported")
+
+
+def write_map(path: Path) -> None:
+    numbers = [np.full((60, 80), number, np.float32) for number in range(4)]
+    slopes = SlopeMap(*numbers, numbers[0].astype(np.uint8))
+    site, regions = HEADER.site, HEADER.regions
+    with replacing(path.with_name("map.nc"), synced=False) as draft:
+        map_file.write_map(draft, slopes, PixelBounds(*numbers), (), regions, site, {"title": LATER})
+
+
+WRITE = (add_mark, correct_times, keep_estimates, export_netcdf, write_map)
+ADDITIONS = dict(zip(list(Task)[3:], WRITE, strict=True))
+"""Additions to a sealed session, or beside it."""
+ESTIMATES = np.arange(100_000)
 
 
 def fail(folder: Path, task: Task, error: int, how: int, milliseconds: int, chosen: list[int]) -> None:
     """One child for each chosen change; prints a JSON line of what it stored and how it ended."""
     before = folder.with_name("before")
     before.mkdir()
-    if task is Task.ADD:
+    if task in ADDITIONS:
         record(before / "field.h5", pause_s=0.0)
     elif task is Task.RECOVER:
         _interrupt(before / "field.h5")
@@ -141,12 +184,14 @@ def _child(path: Path, task: Task, progress: Path, failure: tuple[int, ...]) -> 
         elif task is Task.RECOVER:
             recover(path)
         else:
-            add_later_events(path, [Event(EventKind.MARK, 0, 0, LATER)])
+            ADDITIONS[task](path)
     except SystemExit as end:
         stored, outcome = int(str(end.code)), "stopped"
     except FieldkitError as problem:
         outcome = f"{type(problem).__name__} {problem.exit_code}"
         stored = FRAMES + FRAMES // 5 if "sealed" in problem.message else stored
+    except OSError as problem:  # which the command line puts into words
+        outcome = type(problem).__name__
     count = library.faulty_count()
     library.faulty_arm(*map(ctypes.c_long, (0, 0, 0, 0)))
     progress.write_text(json.dumps({"stored": stored, "outcome": outcome, "changes": count}))
