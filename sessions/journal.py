@@ -152,7 +152,7 @@ class Journal:
         except OSError as error:
             raise StorageError(
                 f"the journal {self.folder} could not store a record: {error.strerror or error}",
-                fix="free some space; everything recorded until now is safe",
+                fix="see that its disk can be written and has room; everything recorded until now is safe",
             ) from error
         return self.next_id - 1, crc32
 

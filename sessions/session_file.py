@@ -246,12 +246,10 @@ class FileThread(threading.Thread):
             if not self._at_once:
                 self._catch_up(self._journal.next_id)
         except Exception as error:  # whatever it is, the journal has everything and recording must go on
-            log.exception("the session file cannot be written")
             self.error = error
-            text = (
-                f"the session file cannot be written: {message_of(error)}; recording goes on in the journal"
-            )
-            self._failed(text)
+            text = f"the session file cannot be written: {message_of(error)}"
+            log.error(text, exc_info=log.isEnabledFor(logging.DEBUG))
+            self._failed(f"{text}; recording goes on in the journal")
 
     def close(self) -> None:
         """Close everything, whatever state it is in."""

@@ -16,6 +16,7 @@ import pytest
 
 import fieldkit.disk
 from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.recording.campaign import init_campaign
 from fieldkit.results.cache import Cache
 from fieldkit.sessions.check import check
 from fieldkit.sessions.lock import journal_path
@@ -118,6 +119,22 @@ def test_failure_at_every_write(quick_disk, task, error, how, milliseconds):
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(fail_at, range(1, total(task) + 20, AT_ONCE)))
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("start", [1, pytest.param(30, marks=SLOW), 300, pytest.param(1500, marks=SLOW)])
+@pytest.mark.parametrize(("code", "how"), [(errno.EROFS, WRITES), (errno.EIO, GONE)])
+def test_record_on_a_disk_that_fails_for_good_ends_in_words(tmp_path, start, code, how):
+    (tmp_path / "disk").mkdir()
+    campaign = init_campaign(tmp_path / "disk" / "field", simulated=True)
+    words = ("-m", "fieldkit", "record", "-C", str(campaign.config.directory), "--for", "1m", "--json")
+    done = disk.run_watched(tmp_path, *words, fail=f"{start} {code} {how} {FOR_EVER}")
+    assert done.returncode == 6, done.stderr
+    (error,) = (json.loads(line) for line in done.stderr.splitlines() if line.startswith("{"))
+    assert error["fix"]
+    assert "Traceback" not in done.stderr
 
 
 def fill_up(writer: SessionWriter, stream: int, count: int) -> int:

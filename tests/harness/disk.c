@@ -43,6 +43,13 @@ void faulty_arm(long n, long error, long how, long ms) {
     changes = failing_since = 0; fail_at = n; fail_error = error; fail_how = how; fail_ms = ms;
 }
 
+/* FAULTY_FAIL: the four numbers of faulty_arm, for a program that is armed from its beginning. */
+__attribute__((constructor)) static void arm_at_once(void) {
+    long n, error, how, ms;
+    const char *numbers = getenv("FAULTY_FAIL");
+    if (numbers && sscanf(numbers, "%ld %ld %ld %ld", &n, &error, &how, &ms) == 4) faulty_arm(n, error, how, ms);
+}
+
 long faulty_count(void) { return changes; }
 
 static int below_root(const char *path) {

@@ -39,11 +39,18 @@ def library(folder: Path) -> Path:
     return built
 
 
-def run_watched(folder: Path, *words: str, log: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a module of the harness with everything below `folder`/disk watched."""
+def run_watched(
+    folder: Path, *words: str, log: Path | None = None, fail: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """Run a module with everything below `folder`/disk watched, which may `fail` as `disk.c` describes."""
     root = folder / "disk"
     root.mkdir(exist_ok=True)
-    environment = {**os.environ, "LD_PRELOAD": str(library(folder)), "FAULTY_ROOT": str(root)}
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": str(library(folder)),
+        "FAULTY_ROOT": str(root),
+        "FAULTY_FAIL": fail,
+    }
     if log is not None:
         environment["FAULTY_LOG"] = str(log)
     return subprocess.run(
