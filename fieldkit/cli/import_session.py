@@ -10,7 +10,6 @@ import click
 from fieldkit.cli.common import Command, options, print_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, STREAM_NAME, ZONE
-from fieldkit.model.quantities import COMPONENTS
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:
@@ -66,8 +65,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--measures",
-    type=click.Choice(COMPONENTS),
-    help="What a table in W/m2 measures, if its columns are not named so: ghi, dni ...",
+    multiple=True,
+    metavar="[COLUMN=]ghi",
+    help="What a column in W/m2 measures, if its name does not say it: ghi, dni ...; repeatable with COLUMN.",
 )
 @click.option("--encoding", default="utf-8-sig", help="Encoding of a table, such as cp932.")
 @click.option(
@@ -87,7 +87,8 @@ def command(source: Path, out: Path | None, into: Path | None, **stated: Any) ->
     from fieldkit.results.result_files import command_line
     from fieldkit.sessions.reader import open_session
 
-    import_options = ImportOptions(**{**stated, "measures": stated["measures"] or ""})
+    pairs = [text.rpartition("=")[::2] for text in stated.pop("measures")]
+    import_options = ImportOptions(**stated, measures=dict(pairs) or "")
     if into is not None:
         with open_session(find_session(into)) as session:
             _print(import_into(session, source, out, import_options))

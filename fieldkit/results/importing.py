@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
@@ -90,15 +90,16 @@ class ImportOptions:
         finds those of a table from the session it is merged into. Those of a session are found where none are
         given.
     unit : str
-        Unit of a table's values where its header has none; of frames of floating-point temperatures.
+        Unit of a table's values where it states none; of frames of floating-point temperatures.
     columns : tuple of str
         Columns of a table to read.
     time_columns : tuple of str
         Columns of a table's time, or of its date and time of day, if it is not the first that looks like one.
     keep : "first" or "last", optional
         Which rows of a table to keep of times that come twice, because its clock stepped back.
-    measures : str
-        What a table in W/m2 measures, such as ``ghi``, if its columns are not named so.
+    measures : str or mapping
+        What the column of a table in W/m2 measures, such as ``ghi``, if its name does not say it; of several
+        by their names, such as ``{"sun": "ghi"}``.
     encoding : str
         Encoding of a table.
 
@@ -123,12 +124,13 @@ class ImportOptions:
     columns: tuple[str, ...] = ()
     time_columns: tuple[str, ...] = ()
     keep: Keep | None = None
-    measures: str = ""
+    measures: str | Mapping[str, str] = ""
     encoding: str = "utf-8-sig"
 
     def __post_init__(self) -> None:
         scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
         offset_s = 0.0 if self.offset_s in (None, AUTO) else self.offset_s
+        components = set(self.measures.values() if isinstance(self.measures, Mapping) else [self.measures])
         for is_wrong, field, example, others in (
             (self.name and not is_stream_name(self.name), "name", "logger2", ""),
             (self.zone and known_zone(self.zone) is None, "zone", "Asia/Tokyo", ", or UTC"),
@@ -136,7 +138,7 @@ class ImportOptions:
             (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", 273.15, ""),
             (not math.isfinite(offset_s), "offset_s", 83, ", or auto"),
             (self.keep not in (None, *get_args(Keep)), "keep", "first", ", or last"),
-            (self.measures not in ("", *COMPONENTS), "measures", "ghi", f", of {', '.join(COMPONENTS)}"),
+            (not components <= {"", *COMPONENTS}, "measures", "ghi", f", of {', '.join(COMPONENTS)}"),
         ):
             if is_wrong:
                 place, fix = Argument(field), Argument(field, example) + others

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
-from itertools import chain, groupby, pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,9 +20,10 @@ import numpy as np
 
 from fieldkit.model import quantities
 from fieldkit.model.channels import how_to_state
+from fieldkit.model.component_names import component_named, may_measure
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.next_step import Argument
+from fieldkit.model.next_step import Argument, Sentence
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import (
@@ -32,6 +34,7 @@ from fieldkit.sessions.formats.imported import (
     usual_rate_hz,
 )
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
+from fieldkit.sessions.formats.long_tables import by_thing
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
     DEFAULT_ENCODING,
@@ -42,14 +45,18 @@ from fieldkit.sessions.formats.tables import (
     named,
     place_of,
     read_table,
+    split_cell,
+    split_head,
+    written_unit,
 )
-from fieldkit.sessions.formats.times import Times, plausible_ns, read_times
+from fieldkit.sessions.formats.times import Times, is_unix, plausible_ns, read_times
 from fieldkit.sessions.formats.zones import example
 
 _EXPORTED = ("seq", "flags", "mono_ns")
 """The last columns of the tables that fieldkit exports (`fieldkit.sessions.analysis.to_pandas`)."""
 _ALL_FLAGS = 2**32 - 1
 _MOST_RAW = 255
+_MOST_LISTED = 50
 
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 
@@ -57,6 +64,7 @@ _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 _BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
 _BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
 _ANY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 12.345 may be twelve, or twelve thousand
+_NO_VALUE = re.compile(r"nan|null|none|n/?a|[-*?]+|unavailable|unknown|no ?data", re.IGNORECASE)
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
@@ -67,8 +75,8 @@ class LogOptions:
     `zone` is of times without one; `time_format` of date and time of day together where they stand in two
     columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back. Without
     `time_columns` the first that looks like a time is it, without `columns` all others with a unit are read.
-    `unit` is of columns whose header has none; `measures` the component of radiation (``ghi``, ``dni``,
-    ``dhi``) of those whose names do not give it.
+    `unit` is of columns that state none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``) of
+    the one column whose name does not give it, or of columns by their names.
     """
 
     zone: tzinfo | None = None
@@ -78,7 +86,7 @@ class LogOptions:
     columns: tuple[str, ...] = ()
     time_columns: tuple[str, ...] = ()
     encoding: str = DEFAULT_ENCODING
-    measures: str = ""
+    measures: str | Mapping[str, str] = ""
     keep: Keep | None = None
 
 
@@ -98,22 +106,26 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     table = read_table(
         path, options.encoding, time_names=options.time_columns, time_format=options.time_format
     )
+    table = by_thing(path, table)
     channels, about_columns = _channels(path, table, options)
     _refuse_marks(path, table, channels)
+    _refuse_without_numbers(path, table, channels)
+    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
+    components = _given_components(path, table, channels, measures, is_chosen=bool(options.columns))
     rows, zone, about_times = _timed_rows(path, table, options)
-    _refuse_several_things(path, table, rows)
     rate_hz = usual_rate_hz([row.time_ns for row in rows])
     raw_bytes = max(len(_raw(row)) for row in rows)
-    streams = _streams(name, channels, options.measures, rate_hz, raw_bytes)
+    streams = _streams(name, channels, components, rate_hz, raw_bytes)
     readings = list(chain.from_iterable(_readings(stream, rows, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
         (Severity.INFO, f"{path.name}: {len(rows)} rows, times {zone}{applied}"),
+        *([(Severity.INFO, table.about)] if table.about else []),
         *about_times,
         *about_columns,
         *_on_end(table),
-        *_on_measures(channels, options.measures),
+        *_on_measures(channels, components, measures),
         *_on_cells(rows, channels),
         *chain.from_iterable(_on_stream(stream, rows) for stream in streams),
     )
@@ -140,7 +152,7 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     if errors:
         named_rows = [f"row {rows[place].number} ({errors[place].message})" for place in sorted(errors)]
         notes.append((Severity.WARNING, f"{row_count(named_rows)} excluded: {listing(named_rows)}"))
-    ordered, about_order = in_clock_order(path, timed, options.keep)
+    ordered, about_order = _of_things(path, timed, table, options.keep)
     return ordered, zone, notes + about_order
 
 
@@ -171,22 +183,25 @@ def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, N
     return times, f"in {zone}" + (source + words if words else ""), []
 
 
-def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -> None:
-    """Refuse rows of several things at one time, as a column of words shows."""
-    groups = [list(group) for _, group in groupby(rows, key=lambda row: row.time_ns)]
-    several = [group for group in groups if len(group) > 1]
-    if 2 * sum(map(len, several)) < len(rows):
-        return
-    for place in _free(table):
-        words = [[cell_of(row.cells, place) for row in group] for group in several]
-        is_telling = all(len(set(group)) == len(group) for group in words)
-        if is_telling and all(math.isnan(_number(_cell(row.cells, place))) for row in rows):
-            head = table.columns[place].head
-            raise ConfigError(
-                f"rows of one time are of several things, by their {head!r}",
-                place=path,
-                fix="give each a column of its own, or import the rows of each on their own",
-            )
+def _of_things(
+    path: Path, rows: Sequence[TimedRow], table: Table, keep: Keep | None
+) -> tuple[list[TimedRow], Notes]:
+    """The rows in order of time, each thing's by its own clock; rows of one time are one."""
+    groups: dict[str, list[TimedRow]] = {}
+    for row in rows:
+        groups.setdefault(table.things.get(row.number, ""), []).append(row)
+    notes, merged = Notes(), dict[tuple[int, int], TimedRow]()
+    for group in groups.values():
+        ordered, about_order = in_clock_order(path, group, keep)
+        notes += about_order
+        repeats = Counter[int]()
+        for row in ordered:
+            key = row.time_ns, repeats[row.time_ns]
+            repeats[row.time_ns] += 1
+            if other := merged.get(key):
+                row = row._replace(cells=[a or b for a, b in zip(other.cells, row.cells, strict=True)])
+            merged[key] = row
+    return [merged[key] for key in sorted(merged)], notes
 
 
 def _too_long(table: Table) -> dict[int, ConfigError]:
@@ -194,6 +209,7 @@ def _too_long(table: Table) -> dict[int, ConfigError]:
 
     A header that ends in a separator names nothing there: digits below that may be a number's decimals.
     """
+    table = table.long or table
     width = len(table.columns)
     named_width = max(
         (place for place, column in enumerate(table.columns, start=1) if column.head), default=0
@@ -232,7 +248,9 @@ class Channel(NamedTuple):
         """Meaning of a row's number; None where its unit is of another quantity."""
         if self.unit_at < 0:
             return self.meaning
-        written = cell_of(cells, self.unit_at)
+        written = written_unit(cells, self.place, self.unit_at)
+        if not written and self.unit_at == self.place:
+            return self.meaning
         meaning = meaning_of(written, self.label) or unknown_meaning(written)
         return meaning if meaning.quantity == self.meaning.quantity else None
 
@@ -245,11 +263,15 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
     places = [place_of(path, table.columns, name) for name in options.columns]
     if not places:
         return _all_channels(path, table, options.unit)
-    other = [one for place in places if not _is_as_measured(one := table.columns[place])]
+    other = [table.columns[place] for place in places if not _is_as_measured(table.columns[place])]
     heads = ", ".join(f"{column.head} ({column.process})" for column in other)
     note = f"neither samples nor averages, stamped as the table has them: {heads}"
-    channels = [_requested_channel(path, table, place, options) for place in places]
-    return channels, [(Severity.WARNING, note)] if other else []
+    channels = [_requested_channel(path, table, place, options.unit) for place in places]
+    heads_by_option = [
+        table.columns[place].head for place in places if not _header_unit(path, table, place)[0]
+    ]
+    notes = _on_option("the unit", options.unit, heads_by_option, [])
+    return channels, [*([(Severity.WARNING, note)] if other else []), *notes]
 
 
 def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], Notes]:
@@ -273,10 +295,16 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
         heads[source].append(column.head)
     if not any(channel.meaning.unit.shown for channel in channels):
         raise ConfigError(
-            "no column has a unit",
+            "no column has a unit" + (f" ({table.about})" if table.about else ""),
             place=path,
             fix='headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others",
         )
+    kinds = {re.sub(r"[\W\d_]", "", split_head(head)[0]).lower() for head in heads["option"]}
+    if len(kinds) > 1:
+        columns = Sentence.listing([Argument("columns", head) for head in heads["option"]])
+        about = f" ({table.about})" if table.about else ""
+        text = f"{len(heads['option'])} columns state no unit, and {unit} need not be that of all{about}"
+        raise ConfigError(text, place=path, fix=f"choose those of {unit} from " + columns)
     text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
     notes = [(Severity.WARNING, text)] if heads["unknown"] else []
     return channels, [*notes, *_on_option("the unit", unit, heads["option"], heads["table"])]
@@ -287,28 +315,48 @@ def _is_as_measured(column: Column) -> bool:
     return column.process in (*SAMPLED, *AVERAGED)
 
 
-def _requested_channel(path: Path, table: Table, place: int, options: LogOptions) -> Channel:
+def _requested_channel(path: Path, table: Table, place: int, unit: str) -> Channel:
     """A column asked for by name; raises `ConfigError` where it contradicts an option."""
     column = table.columns[place]
-    option = meaning_of(options.unit, column.label)
+    option = meaning_of(unit, column.label)
     written, stated = _header_unit(path, table, place)
     if written and option and stated != option:
         raise ConfigError(
-            f"states the unit {written!r}, not {options.unit!r}",
+            f"states the unit {written!r}, not {unit!r}",
             place=named(path, column),
             fix="omit " + Argument("unit") + ", or the column",
         )
     meaning = stated or option or unknown_meaning(written)
     if not meaning.unit.shown:
         raise ConfigError("has no unit", place=named(path, column), fix=f"known units: {KNOWN_UNITS}")
-    component = quantities.quantity_named(column.label, POWER.stored)
-    if options.measures and meaning.quantity.units == POWER and component not in ("", options.measures):
-        raise ConfigError(
-            f"states {component}, not {options.measures}",
-            place=named(path, column),
-            fix="omit " + Argument("measures") + ", or the column",
-        )
     return _channel(table, place, meaning)
+
+
+def _given_components(
+    path: Path, table: Table, channels: Sequence[Channel], measures: Mapping[str, str], *, is_chosen: bool
+) -> dict[int, str]:
+    """The component that the option gives each column, by place; raises `ConfigError` where it cannot be."""
+    radiation = [channel for channel in channels if channel.meaning.quantity.units == POWER]
+    unnamed = [channel for channel in radiation if is_chosen or not component_named(channel.label)]
+    if len(unnamed) > 1 and measures.get("") and not is_chosen:
+        names = ", ".join(channel.label for channel in unnamed)
+        fix = Argument("measures", {unnamed[0].label: measures[""]}) + ", and so each of the others"
+        raise ConfigError(f"{measures['']} may be what each of {names} measures", place=path, fix=fix)
+    components = {channel.place: measures[""] for channel in unnamed if measures.get("")}
+    components |= {place_of(path, table.columns, name): value for name, value in measures.items() if name}
+    for place, component in components.items():
+        column = table.columns[place]
+        stated = component_named(column.label)
+        is_radiation = place in {channel.place for channel in radiation} and may_measure(
+            column.label, component
+        )
+        if stated not in ("", component) or not is_radiation:
+            raise ConfigError(
+                f"states {stated}, not {component}" if stated else f"measures no {component}",
+                place=named(path, column),
+                fix="omit " + Argument("measures") + ", or the column",
+            )
+    return components
 
 
 def _channel(table: Table, place: int, meaning: Meaning) -> Channel:
@@ -317,12 +365,9 @@ def _channel(table: Table, place: int, meaning: Meaning) -> Channel:
 
 
 def _free(table: Table) -> list[int]:
-    """The columns that may hold values: not those of times, units, Campbell's record numbers and flags."""
-    others = {*table.time_at, *(column.unit_at for column in table.columns)}
-    if _flags_at(table) >= 0:
-        others |= set(range(len(table.columns))[-len(_EXPORTED) :])
-    columns = enumerate(table.columns)
-    return [place for place, column in columns if place not in others and column.unit != "RN"]
+    """The columns that may hold values, without those of fieldkit's own tables."""
+    exported = set(range(len(table.columns))[-len(_EXPORTED) :]) if _flags_at(table) >= 0 else set()
+    return [place for place in table.free if place not in exported]
 
 
 def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
@@ -330,7 +375,8 @@ def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
     column = table.columns[place]
     if column.unit_at < 0:
         return column.unit, meaning_of(column.unit, column.label)
-    cells = {cell_of(row.cells, column.unit_at): row.number for row in reversed(table.rows)}
+    cells = {written_unit(row.cells, place, column.unit_at): row.number for row in reversed(table.rows)}
+    cells.pop("", None)
     meanings = {
         meaning.quantity.name: (meaning, cell)
         for cell in cells
@@ -343,17 +389,18 @@ def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
             place=named(path, column),
             fix="import the rows of each quantity on their own",
         )
-    meaning, written = next(iter(meanings.values()), (None, next(iter(cells))))
+    meaning, written = next(iter(meanings.values()), (None, next(iter(cells), "")))
     return written, meaning
 
 
 def _has_numbers(table: Table, place: int) -> bool:
-    """True if a column without a unit has numbers, and not those of the rows before their time."""
-    numbers = [_number(_cell(row.cells, place)) for row in table.rows]
+    """True if a column without a unit has numbers, and not times or those of the rows before their time."""
+    cells = [_cell(row.cells, place) for row in table.rows]
+    numbers = [_number(cell) for cell in cells]
     is_numbering = place < min(table.time_at) and all(
         later == earlier + 1.0 for earlier, later in pairwise(numbers)
     )
-    return not all(map(math.isnan, numbers)) and not is_numbering
+    return not (all(map(math.isnan, numbers)) or is_numbering or all(map(is_unix, cells)))
 
 
 class _Stream(NamedTuple):
@@ -364,7 +411,7 @@ class _Stream(NamedTuple):
 
 
 def _streams(
-    name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
+    name: str, channels: Sequence[Channel], given: Mapping[int, str], rate_hz: float, raw_bytes: int
 ) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it."""
     groups: dict[tuple[Quantity, bool], list[Channel]] = {}
@@ -375,16 +422,18 @@ def _streams(
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
         stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
         free = free_name(stream, streams, "{}-{}")  # unknown quantities of several units
-        streams[free] = _Stream(_info(free, ours, measures, rate_hz, raw_bytes), ours)
+        streams[free] = _Stream(_info(free, ours, given, rate_hz, raw_bytes), ours)
     return list(streams.values())
 
 
 def _info(
-    name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
+    name: str, channels: Sequence[Channel], given: Mapping[int, str], rate_hz: float, raw_bytes: int
 ) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
-    radiation = labels if quantity.units == POWER else ()
-    components = tuple(quantities.quantity_named(label, POWER.stored) or measures for label in radiation)
+    radiation = channels if quantity.units == POWER else ()
+    components = tuple(
+        component_named(channel.label) or given.get(channel.place, "") for channel in radiation
+    )
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
         measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
@@ -440,17 +489,24 @@ def _on_end(table: Table) -> Notes:
 
 def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence[str]) -> Notes:
     """Columns that an option applies to: those that state nothing."""
-    if not given or (applied and not stated):
+    if not given:
         return []
     note = f"; stated by the table: {', '.join(stated)}" if stated else ""
     severity = Severity.INFO if applied else Severity.WARNING
-    return [(severity, f"{option} {given} applies to {', '.join(applied) or 'no column'}{note}")]
+    columns = listing(applied) if len(applied) > _MOST_LISTED else ", ".join(applied) or "no column"
+    return [(severity, f"{option} {given} applies to {columns}{note}")]
 
 
-def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
-    labels = [channel.label for channel in channels if channel.meaning.quantity.units == POWER]
-    in_header = [label for label in labels if quantities.quantity_named(label, POWER.stored)]
-    return _on_option("measures", measures, [label for label in labels if label not in in_header], in_header)
+def _on_measures(
+    channels: Sequence[Channel], components: Mapping[int, str], measures: Mapping[str, str]
+) -> Notes:
+    labels = {channel.place: channel.label for channel in channels if channel.meaning.quantity.units == POWER}
+    in_header = [label for label in labels.values() if component_named(label)]
+    notes = Notes()
+    for component in dict.fromkeys(measures.values()):
+        applied = [labels[place] for place in components if components[place] == component]
+        notes += _on_option("measures", component, applied, in_header)
+    return notes
 
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
@@ -515,16 +571,35 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
             )
 
 
+def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel]) -> None:
+    """Refuse a column of cells that are no numbers, but for words that say that there is no value."""
+    for channel in channels:
+        cells = [cell for row in table.rows if (cell := _cell(row.cells, channel.place))]
+        words = [cell for cell in cells if not _NO_VALUE.fullmatch(cell)]
+        if words and all(math.isnan(_number(cell)) for cell in words):
+            others = [Argument("columns", other.label) for other in channels if other != channel]
+            raise ConfigError(
+                f"has no number, but {words[0][:20]!r}",
+                place=named(path, table.columns[channel.place]),
+                fix="write numbers as 1234.5"
+                + (", or import the others: " + Sentence.listing(others) if others else ""),
+            )
+
+
 def _show_decimal_points(cells: Sequence[str]) -> bool:
     """True if some numbers show that points are of decimals, and none has a comma."""
     are_decimals = any(_DECIMAL_POINT.fullmatch(cell) and not _ANY_POINT.fullmatch(cell) for cell in cells)
     return are_decimals and not any("," in cell for cell in cells)
 
 
+_GROUPED = re.compile(r"[+-]?\d{1,3}([ \u00a0\u2009\u202f'’´`]\d{3})+([.,]\d*)?")
+
+
 def _cell(cells: Sequence[str], place: int) -> str:
-    """A cell with the sign of its number before the digits: meters write ``+ 20.081``."""
-    cell = cell_of(cells, place)
-    return cell[0].replace("−", "-") + cell[1:].lstrip() if cell.startswith(("+", "-", "−")) else cell
+    """A cell without its unit, marks of thousands that are no decimals, and the blank in ``+ 20.081``."""
+    cell = split_cell(cell_of(cells, place))[0]
+    cell = cell[0].replace("−", "-") + cell[1:].lstrip() if cell.startswith(("+", "-", "−")) else cell
+    return re.sub(r"[^\d.+-]", "", cell.replace(",", ".")) if _GROUPED.fullmatch(cell) else cell
 
 
 def _number(cell: str) -> float:

@@ -16,15 +16,15 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
-from fieldkit.model.quantities import short_cut_unit, unit_of
+from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
 from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
@@ -42,7 +42,21 @@ SAMPLED, AVERAGED = ("", "Smp"), ("Avg", "WVc")  # WVc: a mean of wind vectors
 _PROCESSES = ("Smp", *AVERAGED, "Max", "Min", "Std", "Tot", "Med", "TMx", "TMn", "Cov", "Mom", "Hst", "FFT")
 _PROCESS = re.compile(rf"_({'|'.join(_PROCESSES)})(?=$|_\d+$|\(\d+\)$)")
 _MOST_ZONES = 3  # a column of more values is of something else
-_UNIT_COLUMN = re.compile(r"unit|einheit|単位|单位", re.IGNORECASE)
+_UNIT_COLUMN = re.compile(
+    r"(?<![a-z])units?(?![a-z])|(?-i:(?<=[a-z])Unit)|einheit|unité|unidad|unità|eenheid|enhet|jednot|uom|単位|单位",
+    re.IGNORECASE,
+)
+_VALUE_COLUMN = re.compile(r"value|wert|valeur|valor|reading|state|payload|mean|測定値|数值", re.IGNORECASE)
+THING = re.compile(
+    r"_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic|end_device)"
+    r"[ _.]?(?:id|ids|name|no|nr|num|number|eui|addr|address)?|[\w.]*[_.](?:id|eui)|id|topic|_?field"
+    r"|_?measurement|metric|parameter|variable|series|quantity|(?:friendly_)?name|addr|address|tag|point|location"
+    r"|site|place|room|plot|bed|spot|surface|material|sample|source|host|label|item|signal|datastream|type|table"
+    r"|no\.?|nr\.?|#|position|ort|kanal|fühler|messstelle|messgröße|capteur|canal|sonda|センサー?|测点",
+    re.IGNORECASE,
+)
+"""Labels of columns that tell the thing of a row, or count rows."""
+_TIME_COLUMN = re.compile(r"time|date|zeit|datum|stamp|heure|fecha|hora|data|日|時|时", re.IGNORECASE)
 _CAMPBELL = ("TOA5", "TOACI1")
 _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
 
@@ -64,7 +78,8 @@ class Row(NamedTuple):
 class Column(NamedTuple):
     """A column as the header states it: name with unit, name, unit, process; ``""`` where it does not.
 
-    `unit_at` is the column with the unit of each row, as in ``Ch1_Value,Ch1_Unit``; -1 without one.
+    `unit_at` is the column with the unit of each row, as in ``Ch1_Value,Ch1_Unit``, or the column itself
+    where its cells have units, as ``21.5 °C``; -1 without one.
     """
 
     head: str
@@ -79,7 +94,8 @@ class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
     `has_decimal_commas`: a comma in a number is its decimal point; `stated` is what the file says of the
-    zone of its times. Without `has_end` the file ends within its last line.
+    zone of its times. Without `has_end` the file ends within its last line. One that was
+    made of a `long` table has the thing of each row by its number, and words `about` them.
     """
 
     columns: list[Column]
@@ -88,6 +104,21 @@ class Table:
     has_decimal_commas: bool
     stated: Sequence[Statement] = ()
     has_end: bool = True
+    long: Table | None = None
+    things: Mapping[int, str] = field(default_factory=dict)
+    about: str = ""
+
+    @property
+    def free(self) -> list[int]:
+        """The columns that may hold values: not those of times, units and Campbell's record numbers."""
+        units = (column.unit_at for at, column in enumerate(self.columns) if column.unit_at != at)
+        others = {*self.time_at, *units}
+        return [at for at, column in enumerate(self.columns) if at not in others and column.unit != "RN"]
+
+    def has_numbers(self, place: int) -> bool:
+        """True if a cell of a column begins as a number, and not as a date."""
+        cells = (cell_of(row.cells, place) for row in self.rows)
+        return any(re.match(r"[+−-]?\s*[.,]?\d", cell) and not is_dated(cell) for cell in cells)
 
     def time_text(self, row: Row) -> str:
         """The cells of a row's time as one text."""
@@ -138,6 +169,7 @@ def read_table(
     time_at = named_at or _time_at(path, columns, body, date)
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
+    columns = _with_unit_columns(columns, body, time_at)
     return Table(columns, body, time_at, delimiter != ",", stated, text.endswith(("\n", "\r")))
 
 
@@ -298,7 +330,10 @@ def _header(above: Sequence[Row], place: int) -> tuple[list[str], list[list[str]
 def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> bool:
     width = len([cell for cell in cells if cell])
     is_table = width > 0 and len(cells) > 1 and len([name for name in names if name]) >= max(width, 2)
-    return is_table and _BELOW_TIME.fullmatch(cell_of(cells, place)) is not None
+    others = [cell for at, cell in enumerate(cells) if cell and at != place]
+    is_of_units = bool(others) and all(is_unit(cell.strip("[]() ")) for cell in others)
+    is_below_time = is_of_units and _TIME_COLUMN.search(cell_of(names, place))
+    return is_table and bool(is_below_time or _BELOW_TIME.fullmatch(cell_of(cells, place)))
 
 
 def _refuse_another_header(
@@ -359,13 +394,36 @@ def _zone_fields(above: Sequence[Row], columns: Sequence[Column], rows: Sequence
 
 
 def split_head(head: str) -> tuple[str, str]:
-    """Name and unit of a header's cell: ``T1 [C]``, ``light (lx)``; the unit ``""`` where it has none."""
+    """Name and unit of a header's cell: ``T1 [C]``, ``Temp - °C``, ``temp_c``; the unit ``""`` without one.
+
+    A name of one word stays whole: others may be as the unit they end in.
+    """
+    name, unit = split_label(head)
+    if unit:
+        return (head if re.fullmatch(r"[\w.]+", head) else name), unit
     brackets = _BRACKETS.search(head)
     if brackets is None or not head[: brackets.start()]:
         return head, ""
     unit = brackets["square"] or brackets["round"]
-    is_unit = brackets["square"] or unit_of(unit) or _LIKE_A_UNIT.fullmatch(unit)
-    return (head[: brackets.start()], unit) if is_unit and not unit.isdigit() else (head, "")
+    is_glued = head[brackets.start()] == "(" and len(unit) == 1  # Gb(n)
+    is_stated = brackets["square"] or (_LIKE_A_UNIT.fullmatch(unit) and not is_glued)
+    return (head[: brackets.start()], unit) if is_stated and not unit.isdigit() else (head, "")
+
+
+_WITH_UNIT = re.compile(r"([+\-−]?\s*\d[\d.,'’\s]*(?:[eE][+-]?\d+)?)(\D.*)", re.DOTALL)
+
+
+def split_cell(cell: str) -> tuple[str, str]:
+    """Number and unit of a cell, as ``21.5 °C``; the unit ``""`` where it has none that is known."""
+    match = _WITH_UNIT.fullmatch(cell)
+    return (match[1].strip(), match[2].strip()) if match and is_unit(match[2].strip()) else (cell, "")
+
+
+def written_unit(cells: Sequence[str], place: int, unit_at: int) -> str:
+    """The unit of a row's value, in its cell or in a column of units; "" without one."""
+    if unit_at < 0:
+        return ""
+    return split_cell(cell_of(cells, place))[1] if unit_at == place else cell_of(cells, unit_at)
 
 
 def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool) -> list[Column]:
@@ -376,10 +434,46 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
         label = free_name(column.label, [other.label for other in columns], "{} {}")
         columns.append(column._replace(label=label))
-    for after, column in enumerate(columns[:-1], start=1):
-        if not column.unit and _UNIT_COLUMN.search(columns[after].label):
-            columns[after - 1] = column._replace(unit_at=after)
     return columns
+
+
+def _with_unit_columns(
+    columns: Sequence[Column], rows: Sequence[Row], time_at: Sequence[int]
+) -> list[Column]:
+    """The columns with the places of their units: the column's own, or one of units beside it."""
+    paired, units = list(columns), {}
+    for place, column in enumerate(columns):
+        cells = {cell_of(row.cells, place) for row in rows} - {""}
+        in_cells = {cell: split_cell(cell)[1] for cell in cells}
+        if place in time_at or not cells:
+            continue
+        if 2 * sum(map(bool, in_cells.values())) > len(cells):
+            paired[place] = column._replace(unit_at=place)
+        elif not any(cell[:1].isdigit() for cell in cells) and (
+            _UNIT_COLUMN.search(column.label) or (all(map(is_unit, cells)) and max(map(len, cells)) > 1)
+        ):
+            units[place] = column.label
+    values = [
+        place
+        for place, column in enumerate(columns)
+        if place not in (*time_at, *units)
+        and not THING.fullmatch(column.label)
+        and any(cell_of(row.cells, place)[:1] in "+-−.0123456789" for row in rows)
+    ]
+    for unit_at, label in units.items():
+        of_unit = min(
+            values, key=lambda place: _distance(columns[place].label, label, place - unit_at), default=-1
+        )
+        if of_unit >= 0:
+            paired[of_unit] = paired[of_unit]._replace(unit_at=unit_at)
+            values.remove(of_unit)
+    return paired
+
+
+def _distance(label: str, of_units: str, places: int) -> tuple[bool, int, bool, bool]:
+    """How far a column is from one of units: by the beginning of their names, places between, its name."""
+    stem = _UNIT_COLUMN.sub("", of_units).strip("_ ")
+    return stem not in label, abs(places), not _VALUE_COLUMN.search(label), places > 0
 
 
 def _has_processes(cells: Sequence[str]) -> bool:

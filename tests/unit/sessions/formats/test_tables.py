@@ -131,17 +131,6 @@ def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path
     assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
 
 
-@pytest.mark.parametrize("order", ["time,region", "region,time"])
-def test_rows_of_several_things_at_one_time_are_refused(tmp_path, order):
-    """As `fieldkit export --to csv` writes the temperatures of regions."""
-    cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
-    place = 1 if order == "time,region" else -1
-    rows = "".join(f"{','.join(row[::place])},20.5\n" for row in cells)
-    with pytest.raises(ConfigError, match="'region'"):
-        readings(tmp_path, f"{order},T [C]\n{rows}")
-    assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
-
-
 def test_a_file_that_ends_within_a_line_is_named(tmp_path):
     imported = logs.read(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
     assert "row 3 " in logs.notes(imported)

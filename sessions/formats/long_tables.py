@@ -1,0 +1,121 @@
+"""Long tables, of a row per sensor and time: each sensor becomes a column.
+
+So are exports of home automation (``entity_id,state,last_changed``), of networks of sensors, of data bases of
+series (``_time,_value,_field``) and logs of messages (``topic,payload``). A column tells the thing of a row
+by its name, or because rows of one time differ in it, or because it changes from row to row.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.sessions.formats.tables import THING, Column, Row, Table, cell_of, written_unit
+
+_MOST_THINGS = 200
+_NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)
+
+
+def by_thing(path: Path, table: Table) -> Table:
+    """A long table with a column for each thing; any other as it is.
+
+    Raises `ConfigError` where there are too many things.
+    """
+    telling = _telling(table)
+    values = [
+        place
+        for place in table.free
+        if place not in telling
+        and not THING.fullmatch(table.columns[place].label)
+        and table.has_numbers(place)
+    ]
+    fewest = _fewest(table, telling)
+    if not telling or not values:
+        return table
+    things = {row.number: " ".join(filter(None, _cells(row.cells, fewest))) for row in table.rows}
+    labels, heads = list(dict.fromkeys(things.values())), ", ".join(table.columns[at].head for at in fewest)
+    shown = ", ".join(labels[:10]) + (" ..." if len(labels) > 10 else "")
+    text = f"a row per {heads}: a channel for each of {shown}"
+    if len(labels) > _MOST_THINGS:
+        raise ConfigError(f"{len(labels)} things, {text}", place=path, fix=f"keep at most {_MOST_THINGS}")
+    return replace(_spread(table, things, labels, values), about=text)
+
+
+def _spread(table: Table, things: Mapping[int, str], labels: Sequence[str], values: Sequence[int]) -> Table:
+    columns, width = [table.columns[place] for place in table.time_at], len(table.time_at)
+    rows = [row._replace(cells=_cells(row.cells, table.time_at)) for row in table.rows]
+    for thing in labels:
+        ours = [at for at, row in enumerate(table.rows) if things[row.number] == thing]
+        for place in values:
+            old, texts = table.columns[place], {at: cell_of(table.rows[at].cells, place) for at in ours}
+            units = {at: written_unit(table.rows[at].cells, place, old.unit_at) for at in ours if texts[at]}
+            if not units:
+                continue
+            several = len(set(units.values()) - {""}) > 1
+            unit = "" if several else next(filter(None, units.values()), old.unit)
+            for at in units:
+                text = f"{texts[at]} {units[at]}" if several and old.unit_at != place else texts[at]
+                rows[at].cells.extend([""] * (len(columns) - len(rows[at].cells)) + [text])
+            label = thing if len(values) == 1 else f"{thing} {old.label}"
+            head = f"{label} [{unit}]" if unit else label
+            columns.append(Column(head, label, unit, old.process, len(columns) if several else -1))
+    for row in rows:
+        row.cells.extend([""] * (len(columns) - len(row.cells)))
+    return replace(table, columns=columns, rows=rows, time_at=tuple(range(width)), long=table, things=things)
+
+
+def _cells(cells: Sequence[str], places: Sequence[int]) -> list[str]:
+    return [cell_of(cells, place) for place in places]
+
+
+def _telling(table: Table) -> list[int]:
+    """The columns that tell the thing of a row, words before numbers."""
+    rows = [row for row in table.rows if re.search(r"\d", table.time_text(row))]  # not a header again
+    free = [place for place in table.free if not table.columns[place].unit]
+    telling = [place for place in free if _is_telling(table, place, rows)]
+    return sorted(telling, key=lambda place: all(cell_of(row.cells, place).isdecimal() for row in rows))
+
+
+def _fewest(table: Table, telling: Sequence[int]) -> list[int]:
+    """Those of the columns without which fewer things could be told."""
+    fewest: list[int] = []
+    for place in telling:
+        with_it, without = (
+            {tuple(_cells(row.cells, at)) for row in table.rows} for at in ([*fewest, place], fewest)
+        )
+        fewest += [place] if len(with_it) > len(without) else []
+    return fewest
+
+
+def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
+    cells = [cell_of(row.cells, place) for row in rows]
+    names, is_named = set(cells) - {""}, THING.fullmatch(table.columns[place].label.strip()) is not None
+    are_numbers, is_repeated = all(map(str.isdecimal, cells)), 2 * len(names) <= len(cells)
+    is_mixed = not are_numbers and any(map(str.isdecimal, names)) and not is_named  # 20, OL, 21
+    if len(names) < 2 or is_mixed or not all(map(_NAME.fullmatch, names)):
+        return False
+    groups: dict[str, list[str]] = {}
+    for row, cell in zip(rows, cells, strict=True):
+        groups.setdefault(table.time_text(row), []).append(cell)
+    several = [group for group in groups.values() if len(group) > 1]
+    differ = all(len(set(group)) == len(group) for group in several) and 2 * sum(map(len, several)) >= len(
+        cells
+    )
+    if differ and not (are_numbers and len(set(map(frozenset, several))) > 1):
+        return True
+    if is_named:
+        return is_repeated or not are_numbers
+    if are_numbers:
+        return len(cells) >= 3 * len(names) and _is_cycle([int(cell) for cell in cells])
+    return is_repeated and 5 * sum(earlier != later for earlier, later in pairwise(cells)) >= len(cells)
+
+
+def _is_cycle(numbers: Sequence[int]) -> bool:
+    """True for numbers from 0 or 1 on that come round and round, as of the inputs of a logger."""
+    low, high = min(numbers), max(numbers)
+    follow = sum(later == (low if earlier == high else earlier + 1) for earlier, later in pairwise(numbers))
+    return low in (0, 1) and follow >= 0.9 * (len(numbers) - 1)
