@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldkit import native_code
 from fieldkit.drivers.decoding import text_of
 from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.errors import DecodeError
@@ -194,11 +195,9 @@ def _pixels(record: bytes) -> CountArray:
 
 def _png(body: bytes, height: int, width: int) -> CountArray:
     """A frame stored as PNG, whose samples FLIR writes in the other byte order."""
-    import cv2
-
     if width * height > MOST_PIXELS or body[16:24] != struct.pack(">II", width, height):
         raise DecodeError(f"the raw frame's PNG is not of {width}x{height} pixels", body[:32])
-    image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = native_code.decode_image(body)
     if image is None or image.dtype != np.uint16 or image.shape != (height, width):
         raise DecodeError("the raw frame's PNG does not decode", body[:32])
     return np.asarray(image, np.uint16).byteswap()

@@ -143,8 +143,10 @@ def check_region(region: Region, view: CameraView | None, others: Sequence[Regio
         inspection.warnings.append(
             f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
         )
-    if view and view.frame is not None and inspection.pixels:
-        _check_evenness(inspection, mask, view.frame[box], view.frame)
+    if view and view.frame is not None and (seen := mask & np.isfinite(view.frame[box])).any():
+        if holes := int(mask.sum() - seen.sum()):
+            inspection.warnings.append(f"{holes} of its pixels have no value")
+        _check_evenness(inspection, seen, view.frame[box], view.frame)
     return inspection
 
 
@@ -226,7 +228,7 @@ class _Rims:
     def _sum(self, pixels: int) -> tuple[int, float]:
         """Number of pixels and sum of kelvin of the region so many pixels smaller."""
         kelvin = self._frame[self._box][self._mask(pixels)]
-        return kelvin.size, float(kelvin.sum())
+        return int(np.isfinite(kelvin).sum()), float(np.nansum(kelvin))
 
     def _draw(self, pixels: int) -> BoolArray:
         try:

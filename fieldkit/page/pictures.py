@@ -99,7 +99,7 @@ def _linear(counts: CountArray, values: FloatArray, info: StreamInfo) -> tuple[C
 
 def _hundredths(values: FloatArray) -> CountArray:
     """Degrees Celsius as hundredths of a kelvin."""
-    kelvin = np.nan_to_num(values) + CELSIUS_ZERO_K
+    kelvin = np.nan_to_num(values + CELSIUS_ZERO_K)
     return np.clip(np.rint(kelvin * 100.0), 0, 65_535).astype(np.uint16)
 
 

@@ -23,6 +23,7 @@ from fieldkit.pixel_axes import WHITE, Colour, label, letters, outline, with_axe
 
 PNG_WIDTH = 960
 OUTLINE = (0, 215, 215)
+HOLE = (110, 110, 110)
 """Colour of region outlines, which does not occur in the palette."""
 
 
@@ -60,14 +61,17 @@ def scale_of(shown: FloatArray, unit: str) -> Scale:
 
     Whole units keep the colours stable from one frame to the next.
     """
-    low, high = np.percentile(shown, (1.0, 99.0))
+    finite = shown[np.isfinite(shown)]
+    low, high = np.percentile(finite if finite.size else 0.0, (1.0, 99.0))
     low, high = math.floor(low), math.ceil(high)
     return Scale(low, max(high, low + 2), unit)
 
 
 def colours(shown: FloatArray, scale: Scale, name: str = INFERNO) -> Colours:
-    """The frame in the colours of a palette, shape (rows, cols, 3), red-green-blue."""
-    return palette(name)[np.rint(scale.position(shown) * 255).astype(np.intp)]
+    """The frame in the colours of a palette, shape (rows, cols, 3), red-green-blue; `HOLE` without a value."""
+    image: Colours = palette(name)[np.rint(np.nan_to_num(scale.position(shown)) * 255).astype(np.intp)]
+    image[np.isnan(shown)] = HOLE
+    return image
 
 
 def resize(shown: FloatArray, rows: int, cols: int) -> FloatArray:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit import image_codec
+from fieldkit import native_code
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
@@ -107,7 +107,7 @@ class _Still:
             return read_irg(self.path).counts
         page, pixels = self.page, self.table
         if pixels is None:
-            pixels = page.read(self.path) if page else image_codec.decode(self.path.read_bytes())
+            pixels = page.read(self.path) if page else native_code.decode_image(self.path.read_bytes())
         if pixels is None or not (self.unit or pixels.dtype == np.uint16) or pixels.ndim != 2:
             raise ConfigError("cannot be read as a frame", place=self.label, fix=_EXPORT_AGAIN)
         if self.unit is None:

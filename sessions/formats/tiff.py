@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fieldkit import image_codec
+from fieldkit import native_code
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.installation import install_extra
@@ -124,7 +124,7 @@ class Page:
         except (ImportError, ValueError) as error:
             if isinstance(error, ValueError) and "imagecodecs" not in str(error):
                 return None
-            decoded = image_codec.decode(_with_one_page(path, file, page))
+            decoded = native_code.decode_image(_with_one_page(path, file, page))
             if decoded is None:
                 problem = f"compressed as {COMPRESSION(page.compression).name}"
                 raise ConfigError(problem, place=path, fix=install_extra("files")) from error

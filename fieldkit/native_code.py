@@ -1,4 +1,4 @@
-"""Images of files, decoded by OpenCV without a line of its own."""
+"""Libraries of native code, which write into standard error themselves what is wrong with a file."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray
 
 
-def decode(data: bytes) -> AnyArray | None:
+def decode_image(data: bytes) -> AnyArray | None:
     """The pixels as they are stored, (rows, cols) or (rows, cols, channels); None if they do not decode."""
     import cv2
 
-    with _quiet():
+    with quiet():
         try:
             return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:  # larger than OpenCV allows, or nothing at all
@@ -23,8 +23,8 @@ def decode(data: bytes) -> AnyArray | None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Without standard error of the process: libpng and libtiff write there themselves what is wrong."""
+def quiet() -> Iterator[None]:
+    """Without standard error of the process."""
     before = os.dup(2)
     try:
         with open(os.devnull, "wb") as nowhere:

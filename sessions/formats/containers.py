@@ -1,0 +1,183 @@
+"""Tables in other files than text, as the text that they stand for: workbooks, Parquet, netCDF, packed ones.
+
+Times of netCDF are by CF, in UTC; those of workbooks as the cells show them. Needs ``fieldkit-slope[files]``.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import date, datetime, time, timedelta
+from itertools import zip_longest
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fieldkit.model.errors import ConfigError, FieldkitError, message_of
+from fieldkit.model.installation import install_extra
+from fieldkit.model.next_step import Argument
+from fieldkit.native_code import quiet
+from fieldkit.sessions.formats.imported import refuse_bomb
+
+Cells = Sequence[Any]
+
+_MOST_BYTES = 200_000_000
+_EPOCH = datetime(1899, 12, 30)
+"""Day 0 of spreadsheets, so that day 61 is 1900-03-01."""
+_OF_THIS_TIME = (30_000.0, 80_000.0)
+"""Days since then from 1982 to 2119: other numbers are no dates."""
+_TIME_WORDS = re.compile(r"date|time|stamp|zeit|datum|uhr|fecha|hora|heure|ora\b|日|時", re.IGNORECASE)
+
+
+class Contents(NamedTuple):
+    """The table as text, comma-separated, and what its reader assumed or left out."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+def is_container(path: Path) -> bool:
+    """True if a file is one of these, by its name."""
+    return path.suffix.lower() in _READERS
+
+
+def read_contents(path: Path, sheet: str = "") -> Contents:
+    """The table of a file; of several in a workbook that of `sheet`. Raises `ConfigError`."""
+    read = _READERS[path.suffix.lower()]
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
+        if zipfile.is_zipfile(path):
+            refuse_bomb(path, sum(part.file_size for part in zipfile.ZipFile(path).infolist()))
+        with quiet():
+            rows, notes = read(path, sheet)
+    except ImportError as error:
+        raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
+    except (FieldkitError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # of every library its own; a panic of Rust is no `Exception`
+        problem = f"cannot be read: {message_of(error)[:200]}"
+        raise ConfigError(problem, place=path, fix="save it again, or export CSV") from error
+    out = io.StringIO(newline="")
+    columns = zip_longest(*rows, fillvalue="")
+    csv.writer(out).writerows(zip(*map(_column, columns), strict=True))
+    return Contents(out.getvalue(), notes)
+
+
+_Read = tuple[Iterable[Cells], tuple[str, ...]]
+
+
+def _workbook(path: Path, sheet: str) -> _Read:
+    from python_calamine import CalamineWorkbook
+
+    book = CalamineWorkbook.from_path(path)
+    names = [sheet] if sheet else book.sheet_names
+    if unknown := {*names} - {*book.sheet_names}:
+        fix = f"it has: {', '.join(book.sheet_names)}"
+        raise ConfigError(f"no sheet {unknown.pop()!r}", place=path, fix=fix)
+    sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in names}
+    tables = {name: rows for name, rows in sheets.items() if sum(sum(map(_is_filled, row)) > 1 for row in rows) > 1}
+    if len(tables) != 1:
+        fix = Argument("sheet", next(iter(tables))) if tables else "name a workbook with a table of values"
+        raise ConfigError(f"has {len(tables)} sheets with a table: {', '.join(tables)}", place=path, fix=fix)
+    ((name, rows),) = tables.items()
+    notes = (f"sheet {name!r}",) if len(book.sheet_names) > 1 else ()
+    columns = [list(column) for column in zip_longest(*rows, fillvalue="")]
+    while not any(map(_is_filled, columns[0])):
+        del columns[0]
+    if not any(isinstance(cell, date | time) for column in columns for cell in column):
+        serial = [column for column in columns if _is_serial(column)]
+        for column in serial:
+            column[:] = [_moment(cell) if isinstance(cell, float) else cell for cell in column]
+        if serial:
+            notes += ("numbers of days taken as dates and times, as spreadsheets count them",)
+    return zip(*columns, strict=True), notes
+
+
+def _is_filled(cell: object) -> bool:
+    return cell not in ("", None)
+
+
+def _is_serial(column: Cells) -> bool:
+    """True of a column called a date or time whose numbers are days since 1899, or parts of a day."""
+    numbers = [cell for cell in column if isinstance(cell, float)]
+    is_named = any(isinstance(cell, str) and _TIME_WORDS.search(cell) for cell in column)
+    low, high = _OF_THIS_TIME
+    are_days = all(low < number < high for number in numbers) or all(0 <= number < 1 for number in numbers)
+    return is_named and len(numbers) > 1 and are_days
+
+
+def _moment(days: float) -> datetime | time:
+    moment = _EPOCH + timedelta(milliseconds=round(days * 86_400_000.0))
+    return moment.time() if days < 1.0 else moment
+
+
+def _columns(path: Path, sheet: str) -> _Read:
+    import pandas as pd
+
+    table = (pd.read_feather if path.suffix.lower() == ".feather" else pd.read_parquet)(path)
+    if not isinstance(table.index, pd.RangeIndex):
+        table = table.reset_index()
+    return [list(map(str, table.columns)), *table.itertuples(index=False, name=None)], ()
+
+
+def _netcdf(path: Path, sheet: str) -> _Read:
+    import xarray as xr
+
+    with path.open("rb") as file:
+        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+    with xr.open_dataset(path, engine=engine, decode_timedelta=False) as data:
+        times = [name for name, of in data.variables.items() if of.ndim == 1 and of.dtype.kind == "M"]
+        if not times:
+            problem, fix = "no variable is a time by CF", 'give it units like "seconds since 2026-05-12"'
+            raise ConfigError(problem, place=path, fix=fix)
+        at = data[min(times, key=lambda name: name not in data.coords)]
+        along = {str(name): of for name, of in data.data_vars.items() if of.dims == at.dims and of.dtype.kind in "fiu"}
+        left = [str(name) for name, of in data.data_vars.items() if str(name) not in along and of.ndim > 1]
+        heads = [f"{name} [{of.attrs['units']}]" if of.attrs.get("units") else name for name, of in along.items()]
+        stamps = [f"{stamp}Z" for stamp in np.datetime_as_string(at.values)]
+        rows = zip(stamps, *(of.values.tolist() for of in along.values()), strict=True)
+        notes = (f"variables of more than the time are left out: {', '.join(left)}",) if left else ()
+        return [("time", *heads), *rows], notes
+
+
+def _column(cells: Cells) -> list[str]:
+    """Cells of a column as text: dates without a time of day where all of them are at midnight."""
+    stamps = [cell for cell in cells if isinstance(cell, datetime)]
+    are_days = all(stamp.time() == time() for stamp in stamps)
+    return [_text(cell, are_days=are_days) for cell in cells]
+
+
+def _text(cell: Any, *, are_days: bool) -> str:
+    if cell is None or cell != cell:  # NaN, and pandas' NaT
+        return ""
+    if isinstance(cell, datetime) and not are_days:
+        return cell.isoformat(" ")
+    if isinstance(cell, datetime):
+        return cell.date().isoformat()
+    if isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15:
+        return str(int(cell))
+    return str(cell)
+
+
+_READERS: Mapping[str, Callable[[Path, str], _Read]] = MappingProxyType(
+    {
+        **dict.fromkeys((".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), _workbook),
+        **dict.fromkeys((".parquet", ".feather"), _columns),
+        **dict.fromkeys((".nc", ".nc4", ".cdf"), _netcdf),
+    }
+)
+
+
+def unpacked(path: Path, most: int) -> bytes:
+    """The bytes of a text, unpacked where it is gzipped; no more than one above `most`."""
+    with path.open("rb") as file:
+        is_packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path) if is_packed else path.open("rb") as file:
+        return file.read(most + 1)
