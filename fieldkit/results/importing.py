@@ -26,6 +26,7 @@ from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
 from fieldkit.sessions.formats import stills
+from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.imported import (
     ImportedRecording,
     MissingOptionsError,
@@ -102,6 +103,8 @@ class ImportOptions:
         by their names, such as ``{"sun": "ghi"}``.
     encoding : str
         Encoding of a table.
+    sheet : str
+        Sheet of a workbook, where several have a table.
 
     Examples
     --------
@@ -126,6 +129,7 @@ class ImportOptions:
     keep: Keep | None = None
     measures: str | Mapping[str, str] = ""
     encoding: str = "utf-8-sig"
+    sheet: str = ""
 
     def __post_init__(self) -> None:
         scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
@@ -488,14 +492,14 @@ def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
 
 
 def _is_table(source: Path) -> bool:
-    return source.suffix.lower() in TABLES
+    return Path(source.name.lower().removesuffix(".gz")).suffix in TABLES
 
 
 def _table(source: Path, options: ImportOptions) -> ImportedRecording:
     log_options = LogOptions(
         zone=_zone(options),
         offset_ns=0 if options.offset_s == AUTO else _offset_ns(options),
-        **attributes(options, *(_TABLE - {"zone", "offset_s"})),
+        **attributes(options, "sheet", *(_TABLE - {"zone", "offset_s"})),
     )
     return read_log(source, options.name or "logger", log_options)
 
@@ -537,5 +541,6 @@ _FORMATS = (
     _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
     _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),
+    _Format("a workbook, or a table of a program", is_container, _table, _TABLE - {"encoding"} | {"sheet"}),
     _Format("a table", _is_table, _table, _TABLE),  # last: other formats have the same suffixes
 )

@@ -68,7 +68,7 @@ def scale_of(shown: FloatArray, unit: str) -> Scale:
 
 
 def colours(shown: FloatArray, scale: Scale, name: str = INFERNO) -> Colours:
-    """The frame in the colours of a palette, shape (rows, cols, 3), red-green-blue; `HOLE` without a value."""
+    """The frame in the colours of a palette, shape (rows, cols, 3), red-green-blue; else `HOLE`."""
     image: Colours = palette(name)[np.rint(np.nan_to_num(scale.position(shown)) * 255).astype(np.intp)]
     image[np.isnan(shown)] = HOLE
     return image

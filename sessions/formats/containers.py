@@ -82,12 +82,14 @@ def _workbook(path: Path, sheet: str) -> _Read:
         fix = f"it has: {', '.join(book.sheet_names)}"
         raise ConfigError(f"no sheet {unknown.pop()!r}", place=path, fix=fix)
     sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in names}
-    tables = {name: rows for name, rows in sheets.items() if sum(sum(map(_is_filled, row)) > 1 for row in rows) > 1}
-    if len(tables) != 1:
-        fix = Argument("sheet", next(iter(tables))) if tables else "name a workbook with a table of values"
-        raise ConfigError(f"has {len(tables)} sheets with a table: {', '.join(tables)}", place=path, fix=fix)
+    tables = {name: rows for name, rows in sheets.items() if _has_table(rows)}
+    if not tables:
+        raise ConfigError("no sheet has a table", place=path, fix="name a workbook with a table of values")
+    if len(tables) > 1:
+        problem = f"has tables in several sheets: {', '.join(tables)}"
+        raise ConfigError(problem, place=path, fix=Argument("sheet", next(iter(tables))))
     ((name, rows),) = tables.items()
-    notes = (f"sheet {name!r}",) if len(book.sheet_names) > 1 else ()
+    notes: tuple[str, ...] = (f"sheet {name!r}",) if len(book.sheet_names) > 1 else ()
     columns = [list(column) for column in zip_longest(*rows, fillvalue="")]
     while not any(map(_is_filled, columns[0])):
         del columns[0]
@@ -98,6 +100,10 @@ def _workbook(path: Path, sheet: str) -> _Read:
         if serial:
             notes += ("numbers of days taken as dates and times, as spreadsheets count them",)
     return zip(*columns, strict=True), notes
+
+
+def _has_table(rows: Sequence[Cells]) -> bool:
+    return sum(sum(map(_is_filled, row)) > 1 for row in rows) > 1
 
 
 def _is_filled(cell: object) -> bool:
@@ -138,9 +144,11 @@ def _netcdf(path: Path, sheet: str) -> _Read:
             problem, fix = "no variable is a time by CF", 'give it units like "seconds since 2026-05-12"'
             raise ConfigError(problem, place=path, fix=fix)
         at = data[min(times, key=lambda name: name not in data.coords)]
-        along = {str(name): of for name, of in data.data_vars.items() if of.dims == at.dims and of.dtype.kind in "fiu"}
-        left = [str(name) for name, of in data.data_vars.items() if str(name) not in along and of.ndim > 1]
-        heads = [f"{name} [{of.attrs['units']}]" if of.attrs.get("units") else name for name, of in along.items()]
+        numbers = {str(name): of for name, of in data.data_vars.items() if of.dtype.kind in "fiu"}
+        along = {name: of for name, of in numbers.items() if of.dims == at.dims}
+        left = [name for name, of in numbers.items() if of.ndim > 1]
+        units = {name: of.attrs.get("units") for name, of in along.items()}
+        heads = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
         stamps = [f"{stamp}Z" for stamp in np.datetime_as_string(at.values)]
         rows = zip(stamps, *(of.values.tolist() for of in along.values()), strict=True)
         notes = (f"variables of more than the time are left out: {', '.join(left)}",) if left else ()

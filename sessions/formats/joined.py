@@ -22,6 +22,7 @@ from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Sample, Severity, is_damaged
 from fieldkit.model.site import Region, apart_m
+from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, free_name
 from fieldkit.sessions.formats.merged import (
     Alignment,
@@ -45,8 +46,8 @@ LIGHT = ("illuminance", "irradiance")
 
 
 def is_session(path: Path) -> bool:
-    """True for a file of HDF5, as sessions of every version are."""
-    return path.is_file() and h5py.is_hdf5(path)
+    """True for a file of HDF5, as sessions of every version are, and netCDF is too."""
+    return path.is_file() and h5py.is_hdf5(path) and not is_container(path)
 
 
 def require_joinable(session: SessionReader, other: SessionReader) -> None:

@@ -88,6 +88,7 @@ class LogOptions:
     encoding: str = DEFAULT_ENCODING
     measures: str | Mapping[str, str] = ""
     keep: Keep | None = None
+    sheet: str = ""
 
 
 AS_WRITTEN = LogOptions()
@@ -104,7 +105,11 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     contradicts an option or cannot be read.
     """
     table = read_table(
-        path, options.encoding, time_names=options.time_columns, time_format=options.time_format
+        path,
+        options.encoding,
+        time_names=options.time_columns,
+        time_format=options.time_format,
+        sheet=options.sheet,
     )
     table = by_thing(path, table)
     channels, about_columns = _channels(path, table, options)
@@ -122,6 +127,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     all_notes = (
         (Severity.INFO, f"{path.name}: {len(rows)} rows, times {zone}{applied}"),
         *([(Severity.INFO, table.about)] if table.about else []),
+        *((Severity.INFO, note) for note in table.notes),
         *about_times,
         *about_columns,
         *_on_end(table),

@@ -15,6 +15,7 @@ import codecs
 import csv
 import io
 import re
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ from typing import NamedTuple
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
+from fieldkit.sessions.formats.containers import Contents, is_container, read_contents, unpacked
 from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
@@ -107,6 +109,7 @@ class Table:
     long: Table | None = None
     things: Mapping[int, str] = field(default_factory=dict)
     about: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def free(self) -> list[int]:
@@ -140,13 +143,14 @@ def read_table(
     *,
     time_names: Sequence[str] = (),
     time_format: str | None = None,
+    sheet: str = "",
 ) -> Table:
-    """The table of a file, of the forms above.
+    """The table of a file, of the forms above, or in a container such as a workbook with that `sheet`.
 
     `time_names` are the columns of the time, where it is not the first that looks like one. Raises
     `ConfigError`.
     """
-    text = _text(path, encoding)
+    text, notes = read_contents(path, sheet) if is_container(path) else Contents(_text(path, encoding))
     try:
         delimiter = _delimiter(text)
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
@@ -170,7 +174,7 @@ def read_table(
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
     columns = _with_unit_columns(columns, body, time_at)
-    return Table(columns, body, time_at, delimiter != ",", stated, text.endswith(("\n", "\r")))
+    return Table(columns, body, time_at, delimiter != ",", stated, text.endswith(("\n", "\r")), notes=notes)
 
 
 def named(path: Path, column: Column) -> str:
@@ -193,11 +197,11 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
 
 def _text(path: Path, encoding: str) -> str:
     try:
-        if path.stat().st_size > _MAX_BYTES:
+        data = unpacked(path, _MAX_BYTES)
+        if len(data) > _MAX_BYTES:
             raise ConfigError(f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split it")
-        with path.open("rb") as file:
-            stated = _stated_encoding(path, file.read(3), encoding)
-        text = path.read_text(encoding=stated)
+        stated = _stated_encoding(path, data[:3], encoding)
+        text = io.TextIOWrapper(io.BytesIO(data), stated).read()
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
@@ -208,7 +212,7 @@ def _text(path: Path, encoding: str) -> str:
         raise ConfigError(
             "no such encoding", place=Argument("encoding", encoding), fix=_NAME_ENCODING
         ) from error
-    except (OSError, UnicodeError) as error:
+    except (OSError, EOFError, zlib.error, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
     if "\0" in text:
         raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)
