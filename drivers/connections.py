@@ -17,13 +17,14 @@ from typing import Any
 from fieldkit.drivers.decoding import Layout
 from fieldkit.drivers.framing import CHUNK_BYTES, Framer, Line, Port, Stamped
 from fieldkit.drivers.opening import close_on_failure
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.installation import install_extra
 
 CONNECT_S = 5.0
 SLICE_S = 0.1  # of a wait for a library, whose time-out cannot be changed while a port is open
+ANNOUNCED_S = 1.5  # replies to a question that many may answer are delayed and put together
 LAST_PORT = 65_535
 _ADDRESS = re.compile(r"\w+://.*|[^/:]+:\d*|\[.*\](:.*)?")
 _HOST = re.compile(r"(?:\w+://)?(?:\[(.*)\]|([^:]*?))(?::(.*?))?/?", re.DOTALL)
@@ -33,6 +34,11 @@ _PEER, _ADVICE = "serial adapter", "switch the adapter on and join its network"
 def is_address(port: str) -> bool:
     """True for ``host:port``, ``[IPv6]:port`` and URLs, False for the path of a port of this computer."""
     return _ADDRESS.fullmatch(port) is not None
+
+
+def has_line(port: str) -> bool:
+    """True where a serial line is set as asked, not only at an adapter by hand."""
+    return not is_address(port) or port.startswith(("rfc2217:", "esphome:"))
 
 
 def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") -> tuple[str, int]:
@@ -57,6 +63,29 @@ def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") 
             fix=f'port = "{host}:{usual_port or 4001}"',
         )
     return host, int(number)
+
+
+def announced(service: str) -> list[tuple[str, str, int]]:
+    """(name, address, port) of what announces a service by mDNS; empty without zeroconf."""
+    try:
+        from zeroconf import IPVersion, ServiceBrowser, Zeroconf
+    except ImportError:
+        return []
+    names: list[str] = []
+    try:
+        with Zeroconf(ip_version=IPVersion.V4Only) as network:
+            browser = ServiceBrowser(network, service, [lambda name, **_: names.append(name)])
+            HostClock().sleep(ANNOUNCED_S)
+            browser.cancel()
+            replies = [(name, network.get_service_info(service, name)) for name in dict.fromkeys(names)]
+    except OSError:  # no network
+        return []
+    return [
+        (name.removesuffix(f".{service}"), address, info.port or 0)
+        for name, info in replies
+        if info
+        for address in info.parsed_addresses(IPVersion.V4Only)[:1]
+    ]
 
 
 def connect(settings: DeviceSettings, line: Line, clock: Clock) -> Port:

@@ -11,10 +11,11 @@ import fcntl
 import math
 import os
 import termios
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.connections import connect, is_address
@@ -189,14 +190,30 @@ def serial_ports() -> list[Found]:
     return [(path, identity) for path, identity in parents if identity is not None]
 
 
+class Probe(NamedTuple):
+    """A way to recognise an instrument, which sends by itself on a line, or replies to a `request` there.
+
+    The driver decodes what came with `options`; they belong into its configuration.
+    """
+
+    line: Line
+    request: bytes = b""
+    options: Mapping[str, Any] = MappingProxyType({})
+    is_tcp: bool = False
+    """True for a request that no serial line has."""
+
+
 class SerialDriver(RecordDriver):
     """Base of the drivers of instruments at serial ports: any adapter is a candidate, or those of `kinds`.
 
-    `caveat` says what decides.
+    `caveat` says what decides; by its `probes` `fieldkit.drivers.recognition` finds out.
     """
 
     name: str
     title: str
+    options: tuple[str, ...] = ()
+    needs: Mapping[str, Sequence[str]] = MappingProxyType({})
+    probes: Sequence[Probe] = ()
     kinds: Sequence[Kind] = ()
     caveat: str
 

@@ -3,6 +3,9 @@
 import os
 import shutil
 from collections.abc import Callable, Generator
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -31,6 +34,15 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
         report.outcome = "failed"
         report.longrepr = f"skipped although {ALL_REQUIRED} is set: {report.longrepr}"
     return report
+
+
+@pytest.fixture(scope="session", autouse=True)
+def announcements_stay_here() -> Generator[None]:
+    """Instruments are looked for on the loopback alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        if find_spec("zeroconf"):
+            patch.setattr("zeroconf.Zeroconf", partial(import_module("zeroconf").Zeroconf, ["127.0.0.1"]))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -134,6 +134,7 @@ class Htpa(CameraDriver):
     name = "htpa"
     title = "Heimann HTPA32x32d"
     noise_k = 0.2
+    is_host = True
     options: tuple[str, ...] = camera.OPTIONS
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.framing import Line, Port
-from fieldkit.drivers.ports import SerialDriver, baud, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -147,6 +148,7 @@ class Mlx90640(SerialDriver):
     layout = LAYOUT
     noise_k = 0.2  # datasheet: 0.1 K at one frame a second, and grows with the square root of the rate
     caveat = "any adapter: only its bytes decide"
+    probes: Sequence[Probe] = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the port, set what the options request, and wait for a frame."""

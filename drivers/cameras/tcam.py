@@ -21,13 +21,14 @@ from fieldkit.drivers.cameras import camera, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, summary
 from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
-from fieldkit.drivers.connections import SocketPort, address_of
+from fieldkit.drivers.connections import SocketPort, address_of, announced
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, skip_to
 from fieldkit.drivers.framing import Port
 from fieldkit.model.clock import Clock, time_left
-from fieldkit.model.device import DeviceSettings, FrameSource
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
 
 PORT = 5001
+SERVICE = "_tcam-socket._tcp.local."
 START, END = b"\x02", b"\x03"
 LONGEST = 1 << 17  # an image is 51 980 bytes; white space may stand in it
 PIXELS = 2 * 160 * 120
@@ -99,8 +100,18 @@ class TCam(CameraDriver, RecordDriver):
 
     name = "tcam"
     title = "tCam with FLIR Lepton"
+    is_host = True
     options: tuple[str, ...] = camera.OPTIONS
     layout = LAYOUT
+
+    def find(self) -> list[DiscoveredDevice]:
+        """Cameras that announce themselves in this network, from firmware 3.0 on."""
+        return [
+            DiscoveredDevice(
+                self.name, "", host if port == PORT else f"{host}:{port}", f"{self.title}, {name}"
+            )
+            for name, host, port in announced(SERVICE)
+        ]
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""

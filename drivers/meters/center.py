@@ -68,7 +68,7 @@ from fieldkit.drivers.decoding import (
 from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import SerialDriver, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
@@ -175,6 +175,7 @@ class Center309(SerialDriver):
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
     caveat = BY_REPLY
+    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, request the model, and wait for one record."""
@@ -299,6 +300,7 @@ class Center303(SerialDriver):
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "model")
     caveat = BY_REPLY
+    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""

@@ -94,6 +94,7 @@ class Gpsd(RecordDriver):
 
     name = "gpsd"
     title = "gpsd (position, time, clock error)"
+    is_host = True
     quantity = "position"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import reduce
 from operator import xor
 
@@ -23,7 +24,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import SerialDriver, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
@@ -175,6 +176,7 @@ class KonicaMinolta(SerialDriver):
     layout = LAYOUT
     kinds = KINDS
     caveat = "a common adapter: only the meter's reply decides"
+    probes: Sequence[Probe] = (Probe(LINE, pack_request(0, "54", "1")),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and put the meter into its PC mode."""

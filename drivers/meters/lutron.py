@@ -26,13 +26,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.framing import Line, Port, Stamped
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import SerialDriver, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
@@ -114,6 +115,7 @@ class Lutron(SerialDriver):
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
     caveat = "any adapter: only its stream decides"
+    probes: Sequence[Probe] = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the records of all displays, which show what the meter measures."""

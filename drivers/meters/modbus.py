@@ -26,7 +26,7 @@ from fieldkit.drivers.connections import is_address
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.framing import PARITIES, Line, Port
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import SerialDriver, baud, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
@@ -256,6 +256,7 @@ REQUEST_LENGTH = 8
 TCP_PORT = 502
 """Where Modbus TCP is at home; at other addresses an adapter passes on the frames of a serial line."""
 FRAMINGS = ("rtu", "tcp")
+UNITS = (1, 2, 3)  # that are asked for an instrument: 1 is the factory's of all that have a map
 _TRANSACTION = 1  # one request at a time needs no more
 _HEADER_LENGTH = 6
 REFUSALS = {
@@ -396,6 +397,11 @@ class Modbus(SerialDriver):
     needs: Mapping[str, Sequence[str]] = {"map": packaged_maps()}
     caveat = f"any adapter; needs map = {' | '.join(packaged_maps())}"
 
+    def __init__(self) -> None:
+        self.probes = [
+            _probe(name, unit, framing) for framing in FRAMINGS for unit in UNITS for name in packaged_maps()
+        ]
+
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. Option `map`; without it raw registers."""
         name = options.get("map")
@@ -432,6 +438,14 @@ class Modbus(SerialDriver):
             info = replace(info, measures=(component,) * info.shape[0])
         poll = meter.PollSettings(request, settings.every_s)
         return meter.Meter(info, port, replies, clock, keys, poll=poll)
+
+
+def _probe(name: str, unit: int, framing: str) -> Probe:
+    block = load_map(name)
+    request = _framed(pack_request(unit, block.function, block.first, block.count), framing)
+    options = {"map": name, "unit": unit, "framing": framing}
+    usual = {"unit": 1, "framing": "rtu"}
+    return Probe(block.line, request, dict(options.items() - usual.items()), is_tcp=framing == "tcp")
 
 
 def _unit(settings: DeviceSettings) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, date, datetime, time
 from functools import reduce
@@ -20,7 +20,7 @@ from typing import Any
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import SerialDriver, baud, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
@@ -134,6 +134,7 @@ class Nmea(SerialDriver):
     quantity = "position"
     options: tuple[str, ...] = (*meter.OPTIONS, "baud")
     caveat = "any adapter: only its sentences decide"
+    probes: Sequence[Probe] = (Probe(LINE),)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""

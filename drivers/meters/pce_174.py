@@ -24,11 +24,12 @@ the end of the largest range is flagged.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import SerialDriver, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
@@ -90,6 +91,7 @@ class Pce174(SerialDriver):
     layout = LAYOUT
     kinds = KINDS
     caveat = "a common adapter: only the meter's reply decides"
+    probes: Sequence[Probe] = (Probe(LINE, ASK_LIVE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""

@@ -40,7 +40,7 @@ from fieldkit.drivers.framing import Line, Port, Stamped
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import SerialDriver, baud, open_port
+from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
 from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
@@ -393,6 +393,10 @@ class Text(SerialDriver):
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit", "sensor")
     caveat = "any adapter: only its lines decide"
+    probes: Sequence[Probe] = (
+        *(Probe(Line(it.options["baud"]), options={"sensor": name}) for name, it in SENSORS.items()),
+        Probe(LINE),
+    )
     needs: Mapping[str, Sequence[str]] = {"unit": ("C", "F", "K", "lx", "klx", "W/m2", "m/s")}
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command)
+@click.argument("addresses", metavar="[ADDRESS]...", nargs=-1)
 @click.option("--add", "is_adding", is_flag=True, help="Write what is connected into fieldkit.toml.")
 @click.option(
     "--instrument",
@@ -26,33 +27,40 @@ if TYPE_CHECKING:
     multiple=True,
     help="With --add: what is on a cable and its options, instead of a question; DRIVER skip: nothing.",
 )
-def command(is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]) -> None:
+def command(
+    addresses: tuple[str, ...], is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]
+) -> None:
     r"""List connected instruments, or write them into fieldkit.toml.
 
     An identity is vendor:product with the serial number, or with the USB socket for devices without one; it
     does not change when the computer numbers its ports differently.
 
-    With --add each instrument is opened once. What neither it nor --instrument shows is asked for: the driver
-    behind a serial adapter, a register map, a unit, what radiation it is. Those configured already stay.
+    With --add each instrument is opened once. What is on a serial port is recognised by what it sends or
+    replies, and proposed with the values that were read; what neither it nor --instrument shows is asked for:
+    a register map, a unit, what radiation it is. Those configured already stay.
+
+    An ADDRESS is a camera in the network (HOST), a serial adapter there (HOST:PORT, socket://, rfc2217:// or
+    esphome://) or the path of a port; with any, only these are added.
 
     \b
     fieldkit devices --add
+    fieldkit devices --add 192.168.4.1
     fieldkit devices --add --no-input --instrument 10c4:ea60:A7=modbus,map=kipp-smp
     """
-    if stated and not is_adding:
-        raise click.UsageError("--instrument needs --add")
+    if (stated or addresses) and not is_adding:
+        raise click.UsageError("--instrument needs --add" if stated else "ADDRESS needs --add")
     if is_adding:
-        add_connected(campaign_file(), dict(stated))
+        add_connected(campaign_file(), dict(stated), addresses)
     else:
         _list()
 
 
-def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
+def add_connected(file: Path, stated: dict[str, dict[str, Any]], addresses: tuple[str, ...] = ()) -> None:
     """Write what is connected into a fieldkit.toml and print it; raises `ConfigError` or `DeviceError`."""
     from fieldkit.recording.adding import Question, add_devices
     from fieldkit.recording.opening import together
 
-    additions = add_devices(file, stated, _answer if is_interactive() else Question.refuse)
+    additions = add_devices(file, stated, _answer if is_interactive() else Question.accept, addresses)
     if options().json:
         failures = [
             {"message": in_commands(failure.explanation), "fix": in_commands(failure.fix or "") or None}
@@ -67,14 +75,17 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
 
 
 def _answer(question: Question) -> str:
-    answer: str = click.prompt(str(question), type=click.Choice(question.choices), err=True)
+    proposal = question.proposal or None
+    answer: str = click.prompt(str(question), proposal, type=click.Choice(question.choices), err=True)
     return answer
 
 
 def _report(file: Path, additions: AddedDevices) -> None:
     for added in additions.added:
         quantity = f"{added.quantity} in {added.unit}"
-        say(f"added {added.name} to {file}: {added.driver}, {quantity}, {added.identity or added.port}")
+        driver = ",".join((added.driver, *(f"{key}={value}" for key, value in added.options.items())))
+        read = f"; read: {added.received}" if added.received else ""
+        say(f"added {added.name} to {file}: {driver}, {quantity}, {added.identity or added.port}{read}")
     for identity, name in additions.configured.items():
         say(f"{identity} is configured already, as {name}")
     for device in additions.skipped:

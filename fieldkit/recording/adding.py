@@ -1,20 +1,25 @@
 """Connected instruments, written into ``fieldkit.toml``: what nothing shows is asked for, once.
 
-Each is opened as by a recording, so that its stream states what it measures. One that is configured already
-is left alone.
+What is on a serial port is recognised by what it sends or replies, and proposed. Each instrument is opened as
+by a recording, so that its stream states what it measures. One that is configured already is left alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from fieldkit.config import Config, edit, load_config
 from fieldkit.drivers import registry
+from fieldkit.drivers.connections import connect, is_address
 from fieldkit.drivers.discovery import ConnectedDevice, discover, is_device
+from fieldkit.drivers.framing import Line
+from fieldkit.drivers.meters.modbus import TCP_PORT
+from fieldkit.drivers.ports import SerialDriver
+from fieldkit.drivers.recognition import Match, recognise
 from fieldkit.model.channels import radiation_components
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings, StreamInfo
@@ -31,18 +36,26 @@ _NAMES = {"illuminance": "lux", "temperature": "thermometer"}
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A question about an instrument: `key` is ``driver``, ``measures`` or an option of its driver."""
+    """A question about an instrument: `key` is ``driver``, ``measures`` or an option of its driver.
+
+    `received` is what it sent, in words; `proposal` is one of the choices, or empty.
+    """
 
     device: ConnectedDevice
     stated: str
     key: str
     choices: Sequence[str]
+    received: str = ""
+    proposal: str = ""
 
     def __str__(self) -> str:
-        return f"{self.key} of {self.stated or 'the instrument'} on {id_of(self.device)}, {self.device.port}"
+        places = ", ".join(dict.fromkeys((id_of(self.device), self.device.port)))
+        return f"{self.key} of {self.stated or 'the instrument'} on {places}{self.received}"
 
-    def refuse(self) -> str:
-        """Raises `ConfigError` with the argument that states it."""
+    def accept(self) -> str:
+        """The proposal; without one raises `ConfigError` with the argument that states it."""
+        if self.proposal:
+            return self.proposal
         options = {"driver": self.stated, self.key: "X"}  # the driver is the key where it is not known
         fix = Action.ADD_DEVICES(stated={id_of(self.device): options})
         raise ConfigError("not known", place=str(self), fix=fix + f", where X is {', '.join(self.choices)}")
@@ -64,6 +77,9 @@ class AddedDevice:
     port: str
     quantity: str
     unit: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    received: str = ""
+    """The values by which it was recognised."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -80,8 +96,10 @@ class AddedDevices:
         return f"<AddedDevices: {names}; {len(self.configured)} configured, {len(self.failures)} failed>"
 
 
-def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.refuse) -> AddedDevices:
-    """Write what is connected into a ``fieldkit.toml``, whose comments stay.
+def add_devices(
+    file: Path, stated: Stated | None = None, ask: Ask = Question.accept, addresses: Sequence[str] = ()
+) -> AddedDevices:
+    """Write what is connected, or what is at `addresses`, into a ``fieldkit.toml``, whose comments stay.
 
     Parameters
     ----------
@@ -90,7 +108,10 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
     stated
         What is on a cable, by identity: ``{"10c4:ea60:A7": {"driver": "modbus", "map": "kipp-smp"}}``.
     ask
-        Called for what neither the instrument nor `stated` shows; by default that is a failure.
+        Called for what neither the instrument nor `stated` shows. By default what was recognised for certain
+        is taken, and anything else is a failure.
+    addresses
+        Hosts, addresses of serial adapters, or paths of ports; then nothing else is looked for.
 
     Raises
     ------
@@ -98,9 +119,10 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
         The configuration is invalid, or its instruments are simulated.
     """
     devices, unmatched = AddedDevices(), dict(stated or {})
-    for device in discover()[0]:
+    for connected in addresses or discover()[0]:
         config = _config(file)
         try:
+            device = at_address(connected) if isinstance(connected, str) else connected
             _add(config, device, {**unmatched.pop(id_of(device), {})}, ask, devices)
         except (ConfigError, DeviceError) as error:
             devices.failures.append(error)
@@ -111,6 +133,27 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
 def _not_connected(identity: str) -> DeviceNotFoundError:
     fix = Action.FIND_DEVICES() + " shows the identities of what is connected"
     return DeviceNotFoundError("no such instrument is connected", place=identity, fix=fix)
+
+
+def at_address(address: str) -> ConnectedDevice:
+    """What may be at a host, at the address of a serial adapter, or on the port at a path.
+
+    Raises `DeviceNotFoundError` where a host is none of an instrument's.
+    """
+    drivers = registry.load_all()[0]
+    serial = tuple(driver.name for driver in drivers if isinstance(driver, SerialDriver))
+    if is_address(address) or address.startswith("/"):
+        return ConnectedDevice("", address, "serial port", serial)
+    for driver in drivers:
+        if getattr(driver, "is_host", False):
+            settings = DeviceSettings(driver.name, driver.name, address)
+            with suppress(ConfigError, DeviceError), closing(open_in_time(settings, HostClock())):
+                return ConnectedDevice("", address, driver.title, (driver.name,))
+    settings = DeviceSettings(address, "", f"{address}:{TCP_PORT}")
+    with suppress(DeviceError), closing(connect(settings, Line(), HostClock())):
+        return ConnectedDevice("", settings.port, "Modbus TCP", serial)
+    fix = "check the address; a serial adapter needs its port too, HOST:PORT"
+    raise DeviceNotFoundError("no known instrument replies", place=address, fix=fix)
 
 
 def id_of(device: ConnectedDevice) -> str:
@@ -130,7 +173,10 @@ def _add(
 ) -> None:
     """Add one instrument, unless it is configured or skipped; raises `ConfigError` or `DeviceError`."""
     name = next((configured.name for configured in config.devices if is_device(device, configured)), None)
-    driver = stated.pop("driver", "") or ("" if name else _driver(device, ask))
+    driver, received = stated.pop("driver", ""), ""
+    if not (driver or name):
+        driver, recognised, received = _driver(device, ask)
+        stated = {**recognised, **stated}
     if name is not None:
         done.configured[id_of(device)] = name
     elif driver == SKIP:
@@ -142,14 +188,22 @@ def _add(
         settings, info = _declaration(device, declared, ask)
         if "" in radiation_components(info, {}):
             component = component or ask(Question(device, driver, "measures", COMPONENTS))
-        done.added.append(_write(config, settings, info, component))
+        done.added.append(_write(config, settings, info, component, received))
 
 
-def _driver(device: ConnectedDevice, ask: Ask) -> str:
-    """The driver of an instrument: the only one that recognises it, or else what is asked for."""
-    if len(device.drivers) > 1:
-        return ask(Question(device, "", "driver", (*device.drivers, SKIP)))
-    return device.drivers[0] if device.drivers else SKIP
+def _driver(device: ConnectedDevice, ask: Ask) -> tuple[str, Mapping[str, Any], str]:
+    """Driver, options and values of an instrument: by its only driver, or by recognition and a question."""
+    if len(device.drivers) < 2:
+        return device.drivers[0] if device.drivers else SKIP, {}, ""
+    matches, data = recognise(device.port, HostClock())
+    by_label = {str(match): match for match in matches}
+    received = "; ".join(f"{label}: {match.shown}" for label, match in by_label.items())
+    unread = f"it sent {data[:60]!r}, which no driver reads" if data else "it sends and replies nothing"
+    proposal = next((str(match) for match in matches[:1] if len(matches) == 1 and match.is_certain), "")
+    choices = tuple(dict.fromkeys((*by_label, *device.drivers, SKIP)))
+    answer = ask(Question(device, "", "driver", choices, f" ({received or unread})", proposal))
+    match = by_label.get(answer, Match(answer, {}))
+    return match.driver, match.options, match.shown
 
 
 def _declaration(
@@ -173,7 +227,9 @@ def _declaration(
     return _declaration(device, replace(settings, options={**settings.options, **options}), ask)
 
 
-def _write(config: Config, settings: DeviceSettings, info: StreamInfo, component: str) -> AddedDevice:
+def _write(
+    config: Config, settings: DeviceSettings, info: StreamInfo, component: str, received: str
+) -> AddedDevice:
     """Write an instrument that is open no more; raises `ConfigError` if it cannot be configured so."""
     driver = settings.driver
     path = _path(info, driver, {device.name for device in config.devices})
@@ -187,7 +243,8 @@ def _write(config: Config, settings: DeviceSettings, info: StreamInfo, component
         if component:
             measures = {**config.tables.irradiance.measures, path[-1]: component}
             edit.set_key(draft, "irradiance", "measures", measures)
-    return AddedDevice(path[-1], driver, settings.identity, info.port, info.quantity, info.unit)
+    place = (settings.identity, info.port, info.quantity, info.unit)
+    return AddedDevice(path[-1], driver, *place, settings.options, received)
 
 
 def _path(info: StreamInfo, driver: str, taken: set[str]) -> tuple[str, ...]:

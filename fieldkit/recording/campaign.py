@@ -160,7 +160,9 @@ class Campaign:
             )
         self.config = load_config(self.config.path, settings=self.settings)
 
-    def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refuse) -> AddedDevices:
+    def add_devices(
+        self, stated: Stated | None = None, ask: Ask = Question.accept, addresses: Sequence[str] = ()
+    ) -> AddedDevices:
         """Write what is connected into ``fieldkit.toml``; parameters and errors as `adding.add_devices`.
 
         Examples
@@ -169,7 +171,7 @@ class Campaign:
         >>> dunes.add_devices({"10c4:ea60:A7": {"driver": "lutron"}})
         <AddedDevices: lux; 0 configured, 0 failed>
         """
-        devices = add_devices(self.config.path, stated, ask)
+        devices = add_devices(self.config.path, stated, ask, addresses)
         self.config = load_config(self.config.path, settings=self.settings)
         return devices
 

@@ -23,5 +23,6 @@ def plugged_in(
         ("cameras.source", "cameras", cameras),
         ("discovery", "serial_ports", serial_ports),
         ("ports", "serial_ports", serial_ports),
+        ("cameras.tcam", "announced", ()),
     ):
-        patch.setattr(f"fieldkit.drivers.{module}.{name}", lambda found=found: list(found))
+        patch.setattr(f"fieldkit.drivers.{module}.{name}", lambda *_, found=found: list(found))

@@ -57,9 +57,9 @@ def test_what_is_connected_is_added_and_every_comment_stays(plug, file):
     plug("A7").talk(LUX)
     before = file.read_text()
     asked = []
-    done = add_devices(file, ask=lambda question: asked.append(question) or "lutron")
+    done = add_devices(file, ask=lambda question: asked.append(question) or question.proposal)
     assert [(one.name, one.quantity, one.unit) for one in done.added] == [("lux", "illuminance", "lx")]
-    assert [(one.key, "lutron" in one.choices) for one in asked] == [("driver", True)]
+    assert [(one.key, one.proposal, "98760 lx" in str(one)) for one in asked] == [("driver", "lutron", True)]
     assert file.read_text() == before.replace(
         "\n#[lux]\n", '\n[lux]\ndriver = "lutron"\nidentity = "10c4:ea60:A7"\n'
     )
@@ -87,12 +87,21 @@ def test_a_second_one_of_a_quantity_has_a_table_of_its_own(plug, file):
     assert second == {"driver": "lutron", "identity": "10c4:ea60:A8", "options": {"range_max_lx": 2e5}}
 
 
-def test_without_input_what_is_not_known_is_an_error_with_the_option_that_states_it(plug, file):
+def test_without_input_what_is_recognised_is_added_with_its_values(plug, file):
     plug("A7").talk(LUX)
+    answer = run(file, "--no-input")
+    assert answer.exit_code == 0
+    assert "98760 lx" in answer.stderr
+    assert load_config(file).devices[0].driver == "lutron"
+
+
+def test_without_input_what_is_not_known_is_an_error_with_the_option_that_states_it(plug, file):
+    plug("A7").talk(b"LUX 980.2\r\n")
     before = file.read_text()
     answer = run(file, "--no-input")
     assert answer.exit_code == 3
     assert "driver" in answer.stderr
+    assert "LUX 980.2" in answer.stderr
     assert "--instrument 10c4:ea60:A7=X" in answer.stderr
     assert file.read_text() == before
 
