@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import thermal_master
-from fieldkit.drivers.cameras.source import WITHOUT_TEMPERATURES, cameras
+from fieldkit.drivers.cameras.source import NO_FORMAT, WITHOUT_TEMPERATURES, cameras
 from fieldkit.drivers.identity import SYSFS, UDEV_FIX, Found, Kind, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
-from fieldkit.drivers.ports import serial_ports
+from fieldkit.drivers.ports import SerialDriver, serial_ports
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, Driver
 from fieldkit.model.errors import message_of
 from fieldkit.model.finding import Finding
@@ -30,6 +31,16 @@ VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840))
 RAW_ONLY = (*thermal_master.KINDS, *ut325.KINDS)
 """Instruments that have only the raw USB node."""
 
+ADAPTERS: Mapping[str, tuple[int, Sequence[int]]] = MappingProxyType(
+    {
+        "ch341": (0x1A86, (0x5523, 0x7522, 0x7523)),
+        "cp210x": (0x10C4, (0xEA60, 0xEA61, 0xEA63, 0xEA70, 0xEA71)),
+        "ftdi_sio": (0x0403, (0x6001, 0x6010, 0x6011, 0x6014, 0x6015)),
+        "pl2303": (0x067B, (0x2303, 0x2304, 0x23A3, 0x23B3, 0x23C3, 0x23D3, 0x23E3, 0x23F3)),
+    }
+)
+"""Kernel modules of serial adapters, each with vendor and products; others are of a USB class, cdc_acm's."""
+BRLTTY_RULES = Path("/usr/lib/udev/rules.d")
 SLOW_LATENCY_MS = 2
 NO_DRIVER = "no fieldkit driver"
 
@@ -82,6 +93,8 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
             names = (*(before.drivers if before else ()), found.driver)
             note = "only the instrument's reply shows which" if before else found.caveat
             devices[key] = ConnectedDevice(found.identity, found.port, found.title, names, note)
+    for taken in _adapters_without_port(SYSFS, serial_ports()):
+        problems.append(f"{taken.what}: {taken.text}; {taken.fix}")
     recognised = {device.port for device in devices.values()}
     others = [
         *_other_devices(cameras(), recognised, "y16 reads it if it has Y16"),
@@ -132,12 +145,15 @@ def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
 # --- can they be used?
 
 
-def check_instruments(sysfs: Path = SYSFS) -> Iterator[Finding]:
-    """Check the cameras and serial ports of this computer."""
+def check_instruments(sysfs: Path = SYSFS, configured: Sequence[DeviceSettings] = ()) -> Iterator[Finding]:
+    """Check the cameras and serial ports of this computer; `configured` ones elsewhere are not missed."""
     found_cameras, found_ports = cameras(), serial_ports()
     raw_only = list(_raw_nodes(sysfs, RAW_ONLY))
     yield from _libraries()
-    if not found_cameras and not any(_is_camera(usb) for usb, _ in raw_only):
+    without_port = list(_adapters_without_port(sysfs, found_ports))
+    kinds = [_connection(settings) for settings in configured]
+    elsewhere = any(is_camera for _, is_camera in kinds) and ("USB video", True) not in kinds
+    if not (found_cameras or elsewhere or any(_is_camera(usb) for usb, _ in raw_only)):
         yield Finding(
             "warn", "camera", "no USB camera is connected", "connect it; lsusb shows whether it is detected"
         )
@@ -147,13 +163,25 @@ def check_instruments(sysfs: Path = SYSFS) -> Iterator[Finding]:
         yield from _autosuspend(path, usb, sysfs)
     for usb, node in raw_only:
         yield _permission(node, usb, "plugdev")
-    if not found_ports:
+    yield from without_port
+    if not (found_ports or without_port) and (not kinds or "USB serial" in dict(kinds)):
         yield Finding("warn", "serial port", "no USB serial port is connected", "connect the meter's adapter")
     for path, usb in found_ports:
         yield _permission(path, usb, "dialout", [usb for _, usb in found_ports])
         yield from _latency(path, sysfs)
         yield from _autosuspend(path, usb, sysfs)
     yield _modem_manager([path for path, _ in found_ports])
+
+
+def _connection(settings: DeviceSettings) -> tuple[str, bool]:
+    """How an instrument is connected, "" in the network or simulated; and whether it is a camera."""
+    driver = registry.get(settings.driver)
+    is_camera = driver.quantity in ("brightness_temperature", "counts")
+    if settings.port and not settings.port.startswith("/"):
+        return "", is_camera
+    if getattr(driver, "video", NO_FORMAT).fourcc:
+        return "USB video", is_camera
+    return "USB serial" if isinstance(driver, SerialDriver) else "", is_camera
 
 
 def _is_camera(usb: UsbIdentity) -> bool:
@@ -202,15 +230,59 @@ def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
 
 def _raw_nodes(sysfs: Path, kinds: Collection[Kind]) -> Iterator[tuple[UsbIdentity, str]]:
     """(identity, node path) of each USB device that is one of `kinds`."""
+    for usb, folder in _usb_devices(sysfs):
+        if (usb.vendor, usb.product) in kinds and (node := _raw_path(folder)):
+            yield usb, node
+
+
+def _usb_devices(sysfs: Path) -> Iterator[tuple[UsbIdentity, Path]]:
+    """Every USB device with its folder, without those of its interfaces."""
     for folder in sorted((sysfs / "bus/usb/devices").glob("*-*")):
         usb = usb_parent(folder)
-        if usb is None or usb.path != folder.name or (usb.vendor, usb.product) not in kinds:
-            continue  # interfaces and other instruments
-        try:
-            bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
-        except (OSError, ValueError):
-            continue
-        yield usb, f"/dev/bus/usb/{bus:03d}/{number:03d}"
+        if usb is not None and usb.path == folder.name:
+            yield usb, folder
+
+
+def _raw_path(folder: Path) -> str:
+    """The raw node of a USB device; empty if it is unplugged."""
+    try:
+        bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
+    except (OSError, ValueError):
+        return ""
+    return f"/dev/bus/usb/{bus:03d}/{number:03d}"
+
+
+def _adapters_without_port(sysfs: Path, found_ports: Sequence[Found]) -> Iterator[Finding]:
+    """Serial adapters that the kernel sees and that have no port, with what has taken them."""
+    for usb, folder in _usb_devices(sysfs):
+        interfaces = [*folder.parent.glob(f"{folder.name}:*")]
+        module = _serial_module(usb, interfaces)
+        if module and usb.path not in {other.path for _, other in found_ports}:
+            text, fix = _why_no_port(module, folder, interfaces)
+            yield Finding("fail", usb.title or usb.as_text(), f"{usb.as_text()} has no port: {text}", fix)
+
+
+def _serial_module(usb: UsbIdentity, interfaces: Sequence[Path]) -> str:
+    """The kernel module of a serial adapter; empty for another device."""
+    for module, (vendor, products) in ADAPTERS.items():
+        if usb.vendor == vendor and usb.product in products:
+            return module
+    names = ("bInterfaceClass", "bInterfaceSubClass")
+    is_modem = ["02", "02"] in [[_text(folder / name) for name in names] for folder in interfaces]
+    return "cdc_acm" if is_modem else ""
+
+
+def _why_no_port(module: str, folder: Path, interfaces: Sequence[Path]) -> tuple[str, str]:
+    """What keeps an adapter from having a port, and the command that frees it."""
+    is_brltty = _is_running("brltty") or any(BRLTTY_RULES.glob("*brltty*"))
+    if is_brltty and module != "cdc_acm":
+        fix = "without a Braille display: sudo apt remove brltty, then unplug and plug it"
+        return "brltty takes it for a Braille display", fix
+    if "usbfs" in {(interface / "driver").resolve().name for interface in interfaces}:
+        fix = f"close it (sudo fuser -v {_raw_path(folder)} names it), then unplug and plug it"
+        return "another program has it", fix
+    fix = f"sudo modprobe {module}; if there is none: sudo apt install linux-modules-extra-$(uname -r)"
+    return f"the kernel's driver {module} is not in use", fix
 
 
 def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
@@ -232,7 +304,7 @@ def _latency(path: str, sysfs: Path) -> Iterator[Finding]:
 
 
 def _modem_manager(paths: list[str]) -> Finding:
-    if not any(_comm(folder) == "ModemManager" for folder in PROC.glob("[0-9]*")):
+    if not _is_running("ModemManager"):
         return Finding("ok", "ModemManager", "not running")
     exposed = [path for path in paths if not _is_ignored(path)]
     if exposed:
@@ -240,9 +312,13 @@ def _modem_manager(paths: list[str]) -> Finding:
     return Finding("ok", "ModemManager", "running; the udev rules keep it off the ports")
 
 
-def _comm(folder: Path) -> str:
+def _is_running(program: str) -> bool:
+    return any(_text(folder / "comm") == program for folder in PROC.glob("[0-9]*"))
+
+
+def _text(path: Path) -> str:
     try:
-        return (folder / "comm").read_text().strip()
+        return path.read_text().strip()
     except OSError:
         return ""
 

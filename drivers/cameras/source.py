@@ -135,13 +135,16 @@ class CameraFormat:
     otherwise: str = ""
 
 
+NO_FORMAT = CameraFormat((), "", ())
+
+
 class CameraDriver:
     """Base of the drivers of cameras; a family without a `video` format is not looked for."""
 
     name: str
     title: str
     quantity = "brightness_temperature"
-    video: CameraFormat = CameraFormat((), "", ())
+    video: CameraFormat = NO_FORMAT
     caveat = ""
     noise_k = 0.1
     """Of a pixel in one frame: the makers of microbolometers state less."""

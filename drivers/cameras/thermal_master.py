@@ -219,6 +219,7 @@ class ThermalMaster(CameraDriver):
 
     name = "thermal-master"
     title = "Thermal Master P1, P2, P3"
+    video = WANTED
     options: tuple[str, ...] = (*camera.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:

@@ -70,6 +70,7 @@ class Y16(CameraDriver):
 
     name = "y16"
     title = "any camera with Y16"
+    video = CameraFormat((), "Y16 ", SIZES)
     quantity = "counts"
     options: tuple[str, ...] = (
         *camera.OPTIONS,

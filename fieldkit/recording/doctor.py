@@ -84,7 +84,7 @@ def _programs(folder: Path) -> Iterator[Finding]:
 
 
 def _instruments(folder: Path) -> Iterator[Finding]:
-    yield from check_instruments()
+    yield from check_instruments(configured=_devices(folder))
 
 
 def _clock(folder: Path) -> Iterator[Finding]:

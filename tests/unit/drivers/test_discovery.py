@@ -7,6 +7,7 @@ import pytest
 from fieldkit.drivers import discovery, registry
 from fieldkit.drivers.identity import usb_parent
 from fieldkit.drivers.meters.lutron import Lutron
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
 from tests.harness.next_steps import steps
@@ -17,6 +18,9 @@ def sysfs(tmp_path, monkeypatch):
     """Plugs (socket, vendor, product) in; nothing of this computer is seen."""
     plugged_in(monkeypatch)
     monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)  # nodes that only a kernel makes
+
+    monkeypatch.setattr(discovery, "PROC", tmp_path / "proc")
+    monkeypatch.setattr(discovery, "BRLTTY_RULES", tmp_path / "rules.d")
 
     def plug(socket, vendor, product):
         folder = tmp_path / "bus/usb/devices" / socket
@@ -60,6 +64,80 @@ def test_other_usb_devices_are_none_of_its_business(sysfs):
     assert not [
         fact for fact in discovery.check_instruments(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what
     ]
+
+
+ADAPTERS = {
+    "CH340": ("1a86", "7523", "ch341"),
+    "CP2102": ("10c4", "ea60", "cp210x"),
+    "FT232R": ("0403", "6001", "ftdi_sio"),
+    "PL2303": ("067b", "2303", "pl2303"),
+    "CH9102": ("1a86", "55d4", "cdc_acm"),
+}
+
+
+@pytest.mark.parametrize("adapter", ADAPTERS)
+@pytest.mark.parametrize("taken_by", ["brltty runs", "brltty is installed", "usbfs", "nothing", "a port"])
+def test_an_adapter_without_a_port_is_told_with_the_command_that_frees_it(
+    sysfs, tmp_path, monkeypatch, adapter, taken_by
+):
+    """brltty takes CH340 and CP2102 for Braille displays; what another program has is usbfs's."""
+    vendor, product, module = ADAPTERS[adapter]
+    folder = sysfs("1-2", vendor, product)
+    interface = folder / "bus/usb/devices/1-2:1.0"
+    is_class = module == "cdc_acm"
+    for name in ("bInterfaceClass", "bInterfaceSubClass"):
+        (interface / name).write_text("02\n" if is_class else "ff\n")
+    if taken_by == "usbfs":
+        (tmp_path / "drivers/usbfs").mkdir(parents=True)
+        (interface / "driver").symlink_to(tmp_path / "drivers/usbfs")
+    if taken_by == "brltty runs":
+        (tmp_path / "proc/77").mkdir(parents=True)
+        (tmp_path / "proc/77/comm").write_text("brltty\n")
+    if taken_by == "brltty is installed":
+        (tmp_path / "rules.d").mkdir()
+        (tmp_path / "rules.d/85-brltty.rules").touch()
+    if taken_by == "a port":
+        usb = usb_parent(folder / "bus/usb/devices/1-2")
+        plugged_in(monkeypatch, serial_ports=[("/dev/ttyUSB0", usb)])
+    findings = list(discovery.check_instruments(folder))
+    faults = [fact for fact in findings if fact.level == "fail" and f"{vendor}:{product}" in fact.text]
+    assert not any(fact.what == "serial port" for fact in findings)  # it is there
+    if taken_by == "a port":
+        assert not faults
+        return
+    (fault,) = faults
+    is_braille = "brltty" in taken_by and not is_class
+    command = "remove brltty" if is_braille else "001/007" if taken_by == "usbfs" else f"modprobe {module}"
+    assert command in str(fault.fix)
+
+
+@pytest.mark.parametrize("ids", [("1a86", "e008"), ("0403", "ffff"), ("046d", "c52b")])
+def test_other_devices_are_no_adapters_without_a_port(sysfs, ids):
+    facts = discovery.check_instruments(sysfs("1-2", *ids))
+    assert not [fact for fact in facts if "modprobe" in str(fact.fix)]
+
+
+@pytest.mark.parametrize(
+    ("camera", "misses_camera", "misses_port"),
+    [
+        (None, True, True),
+        ({"driver": "purethermal"}, True, False),
+        ({"driver": "purethermal", "port": "simulated"}, False, False),
+        ({"driver": "y16", "identity": "1e4e:0100"}, True, False),
+        ({"driver": "htpa", "port": "192.168.4.1"}, False, False),
+        ({"driver": "tcam"}, False, False),
+        ({"driver": "mlx90640", "port": "/dev/ttyUSB0"}, False, True),
+        ({"driver": "mlx90640", "identity": "1a86:7523"}, False, True),
+        ({"driver": "mlx90640", "port": "socket://10.0.0.7:4001"}, False, False),
+        ({"driver": "lutron"}, True, True),
+    ],
+)
+def test_a_camera_in_the_network_or_at_a_serial_port_is_not_missed_as_one_of_usb(
+    sysfs, tmp_path, camera, misses_camera, misses_port
+):
+    configured = [] if camera is None else [DeviceSettings("camera", **camera)]
+    missed = {fact.what for fact in discovery.check_instruments(tmp_path, configured)}
+    assert ("camera" in missed, "serial port" in missed) == (misses_camera, misses_port)
 
 
 def test_an_instrument_that_is_unplugged_while_it_is_looked_at_is_none(sysfs):
