@@ -129,6 +129,15 @@ class GuardedDisk(io.RawIOBase):
         super().close()
 
 
+def limit_cache(file: h5py.File, size: int) -> None:
+    """Let the library keep so many bytes of indexes and headers, where it would keep more by and by."""
+    config = file.id.get_mdc_config()
+    config.set_initial_size = True
+    config.initial_size = config.max_size = config.min_size = size
+    config.incr_mode = config.flash_incr_mode = config.decr_mode = 0
+    file.id.set_mdc_config(config)
+
+
 class GuardedFile:
     """An HDF5 file open for writing; ``with GuardedFile(path) as file`` gives the h5py file.
 

@@ -24,12 +24,16 @@ from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
 from fieldkit.sessions.entry_rows import EntryRows, fitting_column
 from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
-from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_new
+from fieldkit.sessions.guarded_file import GuardedFile, limit_cache, write_in_place, write_new
 from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, encode_text, entry_columns, raw_width, stream_columns
 from fieldkit.sessions.records import Entry, Record, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import stamps_of, to_columns
+
+_CACHE_BYTES = (
+    262_144  # twice what the indexes of five streams need; the library's own limit is reached in days
+)
 
 PARTIAL_AFTER_S = 1.3
 """Time that a block may wait for its last frame before it is written as it is."""
@@ -62,6 +66,7 @@ class SessionFile:
             for name, columns in entry_columns(header).items()
         }
         self._entry_rows = EntryRows(header, identity.anchor_ns)
+        limit_cache(self._file, _CACHE_BYTES)
         if swmr:
             self._file.swmr_mode = True
 
