@@ -407,7 +407,7 @@ def split_label(label: str) -> tuple[str, str]:
     name = _STATISTIC.sub("", label)
     for mark in _BEFORE_UNIT.finditer(name):
         before, unit = name[: mark.start()], name[mark.end() :]
-        may_be_letter = unit.isalpha() and len(unit) == 1 and mark[0].strip() in ("", "_", "-")
+        may_be_letter = unit.isalpha() and len(unit) == 1 and mark[0] in ("", " ", "_", "-")
         if before and is_unit(unit) and not (may_be_letter and _is_of_a_series(before, mark[0], unit)):
             return before, unit
     return label, ""
@@ -419,7 +419,8 @@ def _is_of_a_series(name: str, mark: str, letter: str) -> bool:
 
 def is_unit(written: str) -> bool:
     """True for a unit that is known, though a quantity may have no row."""
-    return unit_of(written) is not None or (len(written) > 1 and _plain(written) in OTHER_UNITS)
+    plain = _plain(written)
+    return plain in _SPELLINGS or (plain in OTHER_UNITS and (plain == "%" or len(plain) > 1))
 
 
 def _plain_label(label: str) -> str:

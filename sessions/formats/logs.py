@@ -37,15 +37,17 @@ from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clo
 from fieldkit.sessions.formats.long_tables import by_thing
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
+    BY_COMMAS,
     DEFAULT_ENCODING,
     SAMPLED,
     Column,
     Table,
     cell_of,
     named,
+    number_of,
+    number_text,
     place_of,
     read_table,
-    split_cell,
     split_head,
     written_unit,
 )
@@ -61,8 +63,6 @@ _MOST_LISTED = 50
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 
 # with the other mark behind them, or where there are two, marks can only be of thousands
-_BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
-_BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
 _ANY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 12.345 may be twelve, or twelve thousand
 _NO_VALUE = re.compile(r"nan|null|none|n/?a|[-*?]+|unavailable|unknown|no ?data", re.IGNORECASE)
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
@@ -248,7 +248,11 @@ class Channel(NamedTuple):
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
         meaning = self.meaning_in(cells)
-        return meaning.in_stream_unit(_number(_cell(cells, self.place))) if meaning else math.nan
+        return (
+            meaning.in_stream_unit(number_of(number_text(cell_of(cells, self.place))))
+            if meaning
+            else math.nan
+        )
 
     def meaning_in(self, cells: Sequence[str]) -> Meaning | None:
         """Meaning of a row's number; None where its unit is of another quantity."""
@@ -401,8 +405,8 @@ def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
 
 def _has_numbers(table: Table, place: int) -> bool:
     """True if a column without a unit has numbers, and not times or those of the rows before their time."""
-    cells = [_cell(row.cells, place) for row in table.rows]
-    numbers = [_number(cell) for cell in cells]
+    cells = [number_text(cell_of(row.cells, place)) for row in table.rows]
+    numbers = [number_of(cell) for cell in cells]
     is_numbering = place < min(table.time_at) and all(
         later == earlier + 1.0 for earlier, later in pairwise(numbers)
     )
@@ -521,9 +525,9 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
         (cell, channel, row)
         for row in rows
         for channel in channels
-        if (cell := _cell(row.cells, channel.place))
+        if (cell := number_text(cell_of(row.cells, channel.place)))
     ]
-    words = [cell for cell, _, _ in cells if math.isnan(_number(cell)) and cell.lower() != "nan"]
+    words = [cell for cell, _, _ in cells if math.isnan(number_of(cell)) and cell.lower() != "nan"]
     units = [
         f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})"
         for _, channel, row in cells
@@ -563,12 +567,14 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
     Where commas part the columns that is a comma, elsewhere a point.
     """
     heads = {channel.place: table.columns[channel.place].head for channel in channels}
-    cells = [(_cell(row.cells, place), head) for row in table.rows for place, head in heads.items()]
+    cells = [
+        (number_text(cell_of(row.cells, place)), head) for row in table.rows for place, head in heads.items()
+    ]
     may_be_points = table.has_decimal_commas
     if may_be_points and _show_decimal_points([cell for cell, _ in cells]):
         return
     for cell, head in cells:
-        has_comma = _WITH_COMMA.fullmatch(cell) and not _BY_COMMAS.fullmatch(cell)
+        has_comma = _WITH_COMMA.fullmatch(cell) and not BY_COMMAS.fullmatch(cell)
         if _ANY_POINT.fullmatch(cell) if may_be_points else has_comma:
             raise ConfigError(
                 f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals",
@@ -580,9 +586,9 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
 def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel]) -> None:
     """Refuse a column of cells that are no numbers, but for words that say that there is no value."""
     for channel in channels:
-        cells = [cell for row in table.rows if (cell := _cell(row.cells, channel.place))]
+        cells = [cell for row in table.rows if (cell := number_text(cell_of(row.cells, channel.place)))]
         words = [cell for cell in cells if not _NO_VALUE.fullmatch(cell)]
-        if words and all(math.isnan(_number(cell)) for cell in words):
+        if words and all(math.isnan(number_of(cell)) for cell in words):
             others = [Argument("columns", other.label) for other in channels if other != channel]
             raise ConfigError(
                 f"has no number, but {words[0][:20]!r}",
@@ -596,25 +602,3 @@ def _show_decimal_points(cells: Sequence[str]) -> bool:
     """True if some numbers show that points are of decimals, and none has a comma."""
     are_decimals = any(_DECIMAL_POINT.fullmatch(cell) and not _ANY_POINT.fullmatch(cell) for cell in cells)
     return are_decimals and not any("," in cell for cell in cells)
-
-
-_GROUPED = re.compile(r"[+-]?\d{1,3}([ \u00a0\u2009\u202f'’´`]\d{3})+([.,]\d*)?")
-
-
-def _cell(cells: Sequence[str], place: int) -> str:
-    """A cell without its unit, marks of thousands that are no decimals, and the blank in ``+ 20.081``."""
-    cell = split_cell(cell_of(cells, place))[0]
-    cell = cell[0].replace("−", "-") + cell[1:].lstrip() if cell.startswith(("+", "-", "−")) else cell
-    return re.sub(r"[^\d.+-]", "", cell.replace(",", ".")) if _GROUPED.fullmatch(cell) else cell
-
-
-def _number(cell: str) -> float:
-    """The number of a cell, NaN where it has none."""
-    try:
-        if _BY_COMMAS.fullmatch(cell):
-            return float(cell.replace(",", ""))
-        if _BY_POINTS.fullmatch(cell):
-            cell = cell.replace(".", "")
-        return float(cell.replace(",", "."))
-    except ValueError:
-        return float("nan")

@@ -8,13 +8,27 @@ by its name, or because rows of one time differ in it, or because it changes fro
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
-from fieldkit.sessions.formats.tables import THING, Column, Row, Table, cell_of, written_unit
+from fieldkit.sessions.formats.tables import (
+    THING,
+    VALUE,
+    Column,
+    Row,
+    Table,
+    cell_of,
+    number_of,
+    number_text,
+    written_unit,
+)
 
 _MOST_THINGS = 200
 _NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)
@@ -30,10 +44,10 @@ def by_thing(path: Path, table: Table) -> Table:
         place
         for place in table.free
         if place not in telling
-        and not THING.fullmatch(table.columns[place].label)
+        and (table.columns[place].unit or not THING.fullmatch(table.columns[place].label))
         and table.has_numbers(place)
     ]
-    fewest = _fewest(table, telling)
+    fewest = _fewest(table, telling) or telling[:1]
     if not telling or not values:
         return table
     things = {row.number: " ".join(filter(None, _cells(row.cells, fewest))) for row in table.rows}
@@ -93,10 +107,11 @@ def _fewest(table: Table, telling: Sequence[int]) -> list[int]:
 
 def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
     cells = [cell_of(row.cells, place) for row in rows]
-    names, is_named = set(cells) - {""}, THING.fullmatch(table.columns[place].label.strip()) is not None
+    names, by_name = set(cells) - {""}, THING.fullmatch(table.columns[place].label.strip())
     are_numbers, is_repeated = all(map(str.isdecimal, cells)), 2 * len(names) <= len(cells)
-    is_mixed = not are_numbers and any(map(str.isdecimal, names)) and not is_named  # 20, OL, 21
-    if len(names) < 2 or is_mixed or not all(map(_NAME.fullmatch, names)):
+    is_mixed = not (are_numbers or by_name) and any(map(str.isdecimal, names))  # 20, OL, 21
+    is_alone = by_name and not are_numbers and any(VALUE.search(column.label) for column in table.columns)
+    if len(names) < (1 if is_alone else 2) or is_mixed or not all(map(_NAME.fullmatch, names)):
         return False
     groups: dict[str, list[str]] = {}
     for row, cell in zip(rows, cells, strict=True):
@@ -107,15 +122,41 @@ def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
     )
     if differ and not (are_numbers and len(set(map(frozenset, several))) > 1):
         return True
-    if is_named:
-        return is_repeated or not are_numbers
-    if are_numbers:
-        return len(cells) >= 3 * len(names) and _is_cycle([int(cell) for cell in cells])
-    return is_repeated and 5 * sum(earlier != later for earlier, later in pairwise(cells)) >= len(cells)
+    if by_name and not are_numbers:
+        return True
+    if by_name and not by_name["place"]:
+        changes = sum(earlier != later for earlier, later in pairwise(cells))
+        return is_repeated and (
+            2 * changes >= len(cells) or [*groups] not in (sorted(groups), sorted(groups)[::-1])
+        )
+    return (
+        is_repeated
+        and "" not in cells
+        and (_is_cycle(cells) or (not are_numbers and _parts(table, rows, cells)))
+    )
 
 
-def _is_cycle(numbers: Sequence[int]) -> bool:
-    """True for numbers from 0 or 1 on that come round and round, as of the inputs of a logger."""
-    low, high = min(numbers), max(numbers)
-    follow = sum(later == (low if earlier == high else earlier + 1) for earlier, later in pairwise(numbers))
-    return low in (0, 1) and follow >= 0.9 * (len(numbers) - 1)
+def _is_cycle(cells: Sequence[str]) -> bool:
+    """True where names come round and round, as of the inputs of a logger; numbers count from 0 or 1."""
+    after: dict[str, str] = {}
+    for (earlier, later), _ in Counter(pairwise(cells)).most_common():
+        after.setdefault(earlier, later)
+    follow = sum(after[earlier] == later for earlier, later in pairwise(cells))
+    is_round = len(set(after.values())) == len(after) and all(name != other for name, other in after.items())
+    counts = not cells[0].isdecimal() or (min(map(int, cells)) < 2 and max(map(int, cells)) <= len(after))
+    return is_round and counts and len(cells) >= 3 * len(after) and follow >= 0.9 * (len(cells) - 1)
+
+
+def _parts(table: Table, rows: Sequence[Row], names: Sequence[str]) -> bool:
+    """True where numbers jump from row to row, and not from row to row of one name."""
+    for place in table.free:
+        numbers = np.array([number_of(number_text(cell_of(row.cells, place))) for row in rows])
+        within = [_jump(numbers[np.array(names) == name]) for name in set(names)]
+        if _jump(numbers) > 3.0 * max(within) > 0.0:
+            return True
+    return False
+
+
+def _jump(numbers: FloatArray) -> float:
+    steps = np.abs(np.diff(numbers[np.isfinite(numbers)]))
+    return float(steps.mean()) if steps.size else 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import math
 import re
 import zlib
 from collections import Counter
@@ -48,16 +49,16 @@ _UNIT_COLUMN = re.compile(
     r"(?<![a-z])units?(?![a-z])|(?-i:(?<=[a-z])Unit)|einheit|unité|unidad|unità|eenheid|enhet|jednot|uom|単位|单位",
     re.IGNORECASE,
 )
-_VALUE_COLUMN = re.compile(r"value|wert|valeur|valor|reading|state|payload|mean|測定値|数值", re.IGNORECASE)
+VALUE = re.compile(r"value|wert|valeur|valor|reading|state|payload|mean|測定値|数值", re.IGNORECASE)
 THING = re.compile(
-    r"_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic|end_device)"
-    r"[ _.]?(?:id|ids|name|no|nr|num|number|eui|addr|address)?|[\w.]*[_.](?:id|eui)|id|topic|_?field"
-    r"|_?measurement|metric|parameter|variable|series|quantity|(?:friendly_)?name|addr|address|tag|point|location"
-    r"|site|place|room|plot|bed|spot|surface|material|sample|source|host|label|item|signal|datastream|type|table"
-    r"|no\.?|nr\.?|#|position|ort|kanal|fühler|messstelle|messgröße|capteur|canal|sonda|センサー?|测点",
+    r"_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic)"
+    r"[ _.]?(?:id|ids|name|no|nr|num|number|eui|addr|address)?|[\w.]*[_.](?:id|eui)|id|topic|_?field|table"
+    r"|input|_?measurement|metric|parameter|variable|series|quantity|(?:friendly_)?name|addr|address|tag|source"
+    r"|host|label|item|signal|datastream|type|no\.?|nr\.?|#|kanal|fühler|messstelle|messgröße|capteur|canal"
+    r"|センサー?|(?P<place>point|location|site|place|room|plot|bed|spot|surface|material|sample|position|ort|sonda|测点)",
     re.IGNORECASE,
 )
-"""Labels of columns that tell the thing of a row, or count rows."""
+"""Labels of columns that tell the thing of a row; a place by its name, not by a number."""
 _TIME_COLUMN = re.compile(r"time|date|zeit|datum|stamp|heure|fecha|hora|data|日|時|时", re.IGNORECASE)
 _CAMPBELL = ("TOA5", "TOACI1")
 _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
@@ -423,6 +424,31 @@ def split_cell(cell: str) -> tuple[str, str]:
     return (match[1].strip(), match[2].strip()) if match and is_unit(match[2].strip()) else (cell, "")
 
 
+# with the other mark behind them, or where there are two, marks can only be of thousands
+BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
+_BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
+_GROUPED = re.compile(r"[+-]?\d{1,3}([ \u00a0\u2009\u202f'’´`]\d{3})+([.,]\d*)?")
+
+
+def number_text(cell: str) -> str:
+    """A cell without its unit, marks of thousands that are no decimals, and the blank in ``+ 20.081``."""
+    text = split_cell(cell)[0].replace("−", "-")
+    text = text[0] + text[1:].lstrip() if text.startswith(("+", "-")) else text
+    return re.sub(r"[^\d.+-]", "", text.replace(",", ".")) if _GROUPED.fullmatch(text) else text
+
+
+def number_of(text: str) -> float:
+    """The number of a cell's `number_text`, NaN where it has none."""
+    try:
+        if BY_COMMAS.fullmatch(text):
+            return float(text.replace(",", ""))
+        if _BY_POINTS.fullmatch(text):
+            text = text.replace(".", "")
+        return float(text.replace(",", "."))
+    except ValueError:
+        return math.nan
+
+
 def written_unit(cells: Sequence[str], place: int, unit_at: int) -> str:
     """The unit of a row's value, in its cell or in a column of units; "" without one."""
     if unit_at < 0:
@@ -461,7 +487,6 @@ def _with_unit_columns(
         place
         for place, column in enumerate(columns)
         if place not in (*time_at, *units)
-        and not THING.fullmatch(column.label)
         and any(cell_of(row.cells, place)[:1] in "+-−.0123456789" for row in rows)
     ]
     for unit_at, label in units.items():
@@ -474,10 +499,10 @@ def _with_unit_columns(
     return paired
 
 
-def _distance(label: str, of_units: str, places: int) -> tuple[bool, int, bool, bool]:
+def _distance(label: str, of_units: str, places: int) -> tuple[bool, bool, int, bool, bool]:
     """How far a column is from one of units: by the beginning of their names, places between, its name."""
-    stem = _UNIT_COLUMN.sub("", of_units).strip("_ ")
-    return stem not in label, abs(places), not _VALUE_COLUMN.search(label), places > 0
+    stem, is_thing = _UNIT_COLUMN.sub("", of_units).strip("_ "), THING.fullmatch(label) is not None
+    return stem not in label, is_thing, abs(places), not VALUE.search(label), places > 0
 
 
 def _has_processes(cells: Sequence[str]) -> bool:
