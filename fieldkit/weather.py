@@ -1,7 +1,8 @@
-"""Measured weather of one station, minute by minute: the packaged day, and files of SURFRAD and BSRN.
+"""Weather of one station, minute by minute: the packaged day, and files of networks and services.
 
 The package carries one day (NOAA SURFRAD, Alamosa, 2016-01-01). `read_station_file` recognises a file by
-its content: SURFRAD's daily files, and BSRN's monthly station-to-archive files, which pvlib reads (``lab``).
+its content: SURFRAD's daily files, and those that pvlib reads (``files``): BSRN's monthly station-to-archive
+files, SOLRAD, and the modelled weather of EnergyPlus, TMY3, NSRDB, PVGIS and CAMS.
 The packaged table is made from a SURFRAD file by::
 
     python -m fieldkit.weather slv16001.dat --out fieldkit/data/alamosa-20160101.csv
@@ -9,7 +10,8 @@ The packaged table is made from a SURFRAD file by::
 Not here: what a sky does to a surface (`fieldkit.simulation`) and skies without a file.
 
 SURFRAD stamps the *end* of each averaged interval, three minutes before 2009 and one since (SURFRAD README);
-BSRN stamps the *start* (GCOS-174, "Update of the Technical Plan for BSRN Data Management", 2013).
+BSRN stamps the *start* (GCOS-174, "Update of the Technical Plan for BSRN Data Management", 2013); of the
+others `_PROGRAMS` has the rule.
 `Weather.time_ns` is the *middle*, so that linear interpolation passes through the means where they belong.
 Missing minutes are missing rows in SURFRAD and stay so here.
 """
@@ -20,6 +22,7 @@ import argparse
 import csv
 import gzip
 import io
+import math
 import re
 import warnings
 import zlib
@@ -27,7 +30,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -75,10 +78,44 @@ _COLUMNS = {
     "longwave_up_w_m2": 7,
 }
 
+_HEAD_BYTES = 16_384
 _MOST_BYTES = 100_000_000  # a month of BSRN with every record is a tenth of it
 _SURFRAD_PLACE = re.compile(rb"[^\n]*\n\s*(-?[\d.]+)\s+(-?[\d.]+)\s+-?[\d.]+\s+m\s+version")
-_BSRN_START = re.compile(rb"\*[UC]0001")
 _NEAR_DEG = 0.1
+
+
+class _Program(NamedTuple):
+    """Files that pvlib reads, recognised by their beginning.
+
+    `middle` is from a stamp to the middle of its interval, in intervals; `pressure_pa` that of its unit.
+    """
+
+    name: str
+    start: re.Pattern[bytes]
+    reader: str
+    middle: float
+    pressure_pa: float = 100.0
+
+
+_BSRN = _Program("BSRN", re.compile(rb"\*[UC]0001"), "read_bsrn", 0.5)
+_PROGRAMS = (
+    _BSRN,
+    _Program("EnergyPlus", re.compile(rb"LOCATION,"), "read_epw", 0.5, 1.0),
+    _Program("TMY3", re.compile(rb"[^\n]*,[^\n]*\n\W*Date \(MM/DD/YYYY\),Time \(HH:MM\)"), "read_tmy3", -0.5),
+    _Program("NSRDB", re.compile(rb"Source,Location ID,"), "read_nsrdb_psm4", 0.0),
+    _Program(
+        "PVGIS",
+        re.compile(rb"Latitude [^\n]*\n(?s:.*)\n\W*time\(UTC\),"),
+        "read_pvgis_tmy",
+        0.0,
+        1.0,
+    ),
+    _Program("PVGIS", re.compile(rb"Latitude [^\n]*\n(?s:.*)\n\W*time,"), "read_pvgis_hourly", 0.0, 1.0),
+    _Program("CAMS", re.compile(rb"#(?s:.*)\n# Observation period;"), "read_cams", 0.5),
+    _Program(
+        "SOLRAD", re.compile(rb"[^\n]*\n\s*-?\d+\.\d+\s+-?\d+\.\d+\s+\d+\s+-?\d+\s"), "read_solrad", -0.5
+    ),
+)
 
 
 def _nothing() -> FloatArray:
@@ -187,21 +224,25 @@ def half_step_ns(stamps_ns: IntArray) -> int:
 
 
 def is_station_file(path: Path) -> bool:
-    """True if a file is one of SURFRAD or BSRN, by its content."""
+    """True if a file is one of these, by its content."""
     try:
-        head = _content(path, 4096)
+        head = _content(path, _HEAD_BYTES)
     except (OSError, EOFError, zlib.error):
         return False
-    return bool(_BSRN_START.match(head) or _SURFRAD_PLACE.match(head))
+    return _SURFRAD_PLACE.match(head) is not None or _program_of(head) is not None
+
+
+def _program_of(content: bytes) -> _Program | None:
+    return next((program for program in _PROGRAMS if program.start.match(content)), None)
 
 
 def read_station_file(path: Path) -> Weather:
-    """Weather from a file of SURFRAD or BSRN.
+    """Weather from a file of SURFRAD, BSRN, SOLRAD, EnergyPlus, TMY3, NSRDB, PVGIS or CAMS.
 
     Parameters
     ----------
     path
-        Daily file of SURFRAD, or monthly file of BSRN, also gzipped.
+        The file; those of BSRN also gzipped.
 
     Returns
     -------
@@ -218,11 +259,15 @@ def read_station_file(path: Path) -> Weather:
             raise ConfigError(
                 f"more than {_MOST_BYTES // 10**6} MB", place=path, fix="use one day, or one month"
             )
-        if _BSRN_START.match(content):
+        if _BSRN.start.match(content):
             return _bsrn(path, content.decode("ascii", errors="replace"))
-        _surfrad_site(path, content)
+        program = _program_of(content[:_HEAD_BYTES])
+        if program is None:
+            _surfrad_site(path, content)
         if not path.read_bytes().startswith(content[:2]):
             raise ConfigError("compressed", place=path, fix=f"unpack it first: gunzip {path}")
+        if program is not None:
+            return _by_pvlib(program, path, path)
         return read_surfrad(path)
     except ConfigError:
         raise
@@ -241,9 +286,7 @@ def _content(path: Path, most: int) -> bytes:
 
 
 def _damage_error(path: Path, error: Exception) -> ConfigError:
-    return ConfigError(
-        f"damaged: {error}", place=path, fix="download it again from SURFRAD or BSRN, and do not edit it"
-    )
+    return ConfigError(f"damaged: {error}", place=path, fix="download it again, and do not edit it")
 
 
 def _surfrad_site(path: Path, content: bytes) -> Site:
@@ -356,25 +399,34 @@ def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
 
 
 def _bsrn(path: Path, text: str) -> Weather:
-    try:
-        from pvlib.iotools import read_bsrn
-    except ImportError as error:
-        raise ConfigError("files of BSRN need pvlib", place=path, fix=install_extra("lab")) from error
     text, notes = _without_cut_line(path, text)
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
+    return replace(_by_pvlib(_BSRN, path, io.StringIO(text), logical_records=records), notes=notes)
+
+
+def _by_pvlib(program: _Program, path: Path, source: Path | io.StringIO, **options: Any) -> Weather:
+    try:
+        from pvlib import iotools
+    except ImportError as error:
+        problem = f"files of {program.name} need pvlib"
+        raise ConfigError(problem, place=path, fix=install_extra("files")) from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pvlib uses pandas features that are deprecated
-            table, about = read_bsrn(io.StringIO(text), logical_records=records)
+            table, about = getattr(iotools, program.reader)(source, **options)
     except Exception as error:  # pandas raises exceptions of its own
         raise _damage_error(path, error) from error
     if table.empty or not about:
-        raise ConfigError(
-            "no basic radiation (logical record 0100)", place=path, fix="download the whole month from BSRN"
-        )
-    latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
+        problem = f"no radiation of {program.name} in it"
+        raise ConfigError(problem, place=path, fix="download the whole file again")
+    place = {**about, **about.get("inputs", {})}
+    latitude, longitude = float(place["latitude"]), float(place["longitude"])
+    elevation = float(place["altitude"] if "altitude" in place else place["elevation"])
     site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))
-    return replace(_bsrn_weather(table, site, f"BSRN, {path.name}"), notes=notes)
+    if str(place.get("Slope")).startswith("0"):  # PVGIS' plane of the array is horizontal
+        parts = table.filter(like="poa_")
+        table = table.assign(ghi=parts.sum(axis=1, min_count=1), dhi=parts.get("poa_sky_diffuse", math.nan))
+    return _weather_of(table, site, program, path)
 
 
 def _without_cut_line(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
@@ -388,32 +440,55 @@ def _without_cut_line(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     return "\n".join(lines[:-1]), (f"{path.name}: its last line is cut off and was excluded",)
 
 
-def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
+_NAMES = {
+    # ours, and those of pvlib's readers
+    "down": ("lwd", "ghi_infrared", "IR(h)"),
+    "up": ("lwu",),
+    "air": ("temp_air",),
+    "wind": ("wind_speed",),
+    "pressure": ("pressure", "atmospheric_pressure"),
+}
+
+
+def _weather_of(table: pd.DataFrame, site: Site, program: _Program, path: Path) -> Weather:
     import pandas as pd
 
-    # pvlib appends minutes that occur only in a further record
+    if program is not _BSRN and table.index.has_duplicates:
+        raise ValueError(f"{table.index[table.index.duplicated()][0]} comes twice")
+    # pvlib appends minutes of BSRN that occur only in a further record; typical years are of several
+    is_typical = not table.index.is_monotonic_increasing and program is not _BSRN
     table = table[~table.index.duplicated()].sort_index()
 
     def column(name: str) -> FloatArray:
-        values = table[name] if name in table else np.full(len(table), np.nan)
-        return np.asarray(values, np.float64)
+        values = next((table[column] for column in _NAMES.get(name, (name,)) if column in table), math.nan)
+        is_bad = table[f"{name}_flag"] == 1 if f"{name}_flag" in table else False
+        return np.where(is_bad, math.nan, np.broadcast_to(np.asarray(values, np.float64), len(table)))
 
-    labels = pd.DatetimeIndex(table.index).tz_localize(None)
+    labels = pd.DatetimeIndex(table.index).tz_convert("UTC").tz_localize(None)
     for year in set(labels.year):
         _refuse_year(year)
-    starts_ns = labels.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    stamps_ns = labels.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    notes = [
+        f"{path.name}: {text}"
+        for is_so, text in (
+            (is_typical, "its months are of several years: a typical year, not a measured one"),
+            ("ghi" not in table and "poa_direct" in table, "irradiance on a tilted plane is left out"),
+        )
+        if is_so
+    ]
     return Weather(
-        time_ns=starts_ns + half_step_ns(starts_ns),
+        time_ns=stamps_ns + round(2.0 * program.middle) * half_step_ns(stamps_ns),
         dni_w_m2=column("dni"),
         dhi_w_m2=column("dhi"),
-        longwave_down_w_m2=column("lwd"),
-        air_temperature_k=column("temp_air") + CELSIUS_ZERO_K,
-        wind_m_s=np.full(len(table), np.nan),
-        pressure_pa=column("pressure") * 100.0,
+        longwave_down_w_m2=column("down"),
+        air_temperature_k=column("air") + CELSIUS_ZERO_K,
+        wind_m_s=column("wind"),
+        pressure_pa=column("pressure") * program.pressure_pa,
         ghi_w_m2=column("ghi"),
-        longwave_up_w_m2=column("lwu"),
+        longwave_up_w_m2=column("up"),
         site=site,
-        source=source,
+        source=f"{program.name}, {path.name}",
+        notes=tuple(notes),
     )
 
 

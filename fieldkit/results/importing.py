@@ -538,7 +538,7 @@ _FORMATS = (
     _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
     _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES, "UTC"),
-    _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station, zone="UTC"),
+    _Format("a station's file", is_station_file, _station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
     _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),
     _Format("a workbook, or a table of a program", is_container, _table, _TABLE - {"encoding"} | {"sheet"}),

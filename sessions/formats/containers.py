@@ -26,12 +26,14 @@ from fieldkit.native_code import quiet
 from fieldkit.sessions.formats.imported import refuse_bomb
 
 Cells = Sequence[Any]
+_Read = tuple[Iterable[Cells], tuple[str, ...]]
 
 _MOST_BYTES = 200_000_000
 _EPOCH = datetime(1899, 12, 30)
 """Day 0 of spreadsheets, so that day 61 is 1900-03-01."""
 _OF_THIS_TIME = (30_000.0, 80_000.0)
 """Days since then from 1982 to 2119: other numbers are no dates."""
+_MIDC = re.compile(rb"DATE \(MM/DD/YYYY\),[A-Z]{3}\b")
 _TIME_WORDS = re.compile(r"date|time|stamp|zeit|datum|uhr|fecha|hora|heure|ora\b|日|時", re.IGNORECASE)
 
 
@@ -43,13 +45,22 @@ class Contents(NamedTuple):
 
 
 def is_container(path: Path) -> bool:
-    """True if a file is one of these, by its name."""
-    return path.suffix.lower() in _READERS
+    """True if a file is one of these, by its name, or its beginning."""
+    return _reader_of(path) is not None
+
+
+def _reader_of(path: Path) -> Callable[[Path, str], _Read] | None:
+    suffix = path.suffix.lower()
+    if suffix in (".csv", ".txt"):
+        with path.open("rb") as file:
+            return _midc if _MIDC.match(file.read(40)) else None
+    return _READERS.get(suffix)
 
 
 def read_contents(path: Path, sheet: str = "") -> Contents:
     """The table of a file; of several in a workbook that of `sheet`. Raises `ConfigError`."""
-    read = _READERS[path.suffix.lower()]
+    read = _reader_of(path)
+    assert read is not None
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
@@ -68,9 +79,6 @@ def read_contents(path: Path, sheet: str = "") -> Contents:
     columns = zip_longest(*rows, fillvalue="")
     csv.writer(out).writerows(zip(*map(_column, columns), strict=True))
     return Contents(out.getvalue(), notes)
-
-
-_Read = tuple[Iterable[Cells], tuple[str, ...]]
 
 
 def _workbook(path: Path, sheet: str) -> _Read:
@@ -131,6 +139,16 @@ def _columns(path: Path, sheet: str) -> _Read:
     if not isinstance(table.index, pd.RangeIndex):
         table = table.reset_index()
     return [list(map(str, table.columns)), *table.itertuples(index=False, name=None)], ()
+
+
+def _midc(path: Path, sheet: str) -> _Read:
+    """NREL's Measurement and Instrumentation Data Center, whose header names its days and its zone."""
+    from pvlib.iotools import read_midc
+
+    table = read_midc(path)
+    stamps = [stamp.isoformat() for stamp in table.index]
+    rows = zip(stamps, *(table[name].tolist() for name in table.columns[2:]), strict=True)
+    return [("time", *table.columns[2:]), *rows], ("times by the header's zone",)
 
 
 def _netcdf(path: Path, sheet: str) -> _Read:

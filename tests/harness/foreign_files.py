@@ -126,6 +126,65 @@ def surfrad() -> bytes:
     return ("\n".join([" Alamosa", "  37.70  105.92 2317 m version 1", *rows]) + "\n").encode()
 
 
+def solrad() -> bytes:
+    """Three minutes as README_SOLRAD lays a daily file out: fixed width, the second beam marked bad."""
+    head = "Albuquerque\n  35.03796 -106.62211 1617 -7\n"
+    rows = [
+        f"2020 163  6 11 19 {minute:2} {19 + minute / 60:6.3f}  15.20 {1000.0 + minute:7.1f} 0 "
+        f"{900.0 + minute:7.1f} {int(minute == 2)} {100.0 + minute:7.1f} 0 {200.0:7.1f} 0 {30.0:7.1f} 0"
+        + 4
+        * f" {1.0:9.3f}"
+        for minute in (1, 2, 3)
+    ]
+    return (head + "\n".join(rows) + "\n").encode()
+
+
+HOURS = [(hour, 20 * hour, 30 * hour, 5 * hour, 10 + hour / 4) for hour in range(8, 12)]
+"""Hour, global, direct, diffuse irradiance, °C."""
+
+
+def modelled_weather() -> dict[str, bytes]:
+    """Four hours at 40 N, 105 W by each service, as their documentations lay files out."""
+    epw = ["LOCATION,Place,-,USA,TMYx,1,40.0,-105.0,-7.0,1600.0", *["HEAD"] * 7]
+    tmy3 = [
+        '724666,"PLACE",CO,-7.0,40.0,-105.0,1600',
+        "Date (MM/DD/YYYY),Time (HH:MM),GHI (W/m^2),"
+        "DNI (W/m^2),DHI (W/m^2),Dry-bulb (C),Pressure (mbar),Wspd (m/s)",
+    ]
+    nsrdb = [
+        "Source,Location ID,Latitude,Longitude,Time Zone,Elevation,Local Time Zone",
+        "NSRDB,1,40.0,-105.0,-7,1600,-7",
+        "Year,Month,Day,Hour,Minute,GHI,DNI,DHI,Temperature,Pressure,Wind Speed",
+    ]
+    pvgis = [
+        "Latitude (decimal degrees):\t40.000",
+        "Longitude (decimal degrees):\t-105.000",
+        "Elevation (m):\t1600.0",
+        "Radiation database:\tPVGIS-NSRDB",
+        "",
+        "Slope: 0 deg. ",
+        "time,Gb(i),Gd(i),Gr(i),H_sun,T2m,WS10m,Int",
+    ]
+    cams = [
+        "# Coding: utf-8",
+        "# Latitude (positive North, ISO 19115): 40.0000",
+        "# Longitude (positive East, ISO 19115): -105.0000",
+        "# Altitude (m): 1600.00",
+        "# Summarization (integration) period: 0 year 0 month 0 day 1 h 0 min 0 s",
+        "#",
+        "# Observation period;TOA;GHI;DHI;BNI",
+    ]
+    for hour, ghi, dni, dhi, celsius in HOURS:
+        epw.append(f"2020,6,11,{hour},60,?9,{celsius},5,60,84000,0,0,300,{ghi},{dni},{dhi}" + 19 * ",2.5")
+        tmy3.append(f"06/11/2020,{hour:02}:00,{ghi},{dni},{dhi},{celsius},840,2.5")
+        nsrdb.append(f"2020,6,11,{hour - 1},30,{ghi},{dni},{dhi},{celsius},840,2.5")
+        pvgis.append(f"20200611:{hour + 6:02}30,{ghi - dhi},{dhi},0.0,40.0,{celsius},2.5,0.0")
+        period = f"2020-06-11T{hour + 6:02}:00:00.0/2020-06-11T{hour + 7:02}:00:00.0"
+        cams.append(f"{period};900;{ghi};{dhi};{dni}")
+    files = {"a.epw": epw, "tmy3.csv": tmy3, "nsrdb.csv": nsrdb, "pvgis.csv": [*pvgis, "", "T2m: air"]}
+    return {name: ("\n".join(lines) + "\n").encode() for name, lines in {**files, "cams.csv": cams}.items()}
+
+
 def obsdl() -> bytes:
     """Hourly values as JMA's help pages lay a download out: values, quality (8 normal), homogeneity."""
     text = (

@@ -13,6 +13,7 @@ from fieldkit import weather
 from fieldkit.model.errors import ConfigError
 from fieldkit.weather import is_station_file, read_station_file
 from tests.harness import foreign_files
+from tests.harness.next_steps import at
 from tests.shared_data import shared
 
 SURFRAD = "data/weather/slv16001.dat"
@@ -48,6 +49,49 @@ def test_command_makes_the_packaged_table_from_the_file_of_noaa(tmp_path):
     subprocess.run([sys.executable, "-m", "fieldkit.weather", shared(SURFRAD), "--out", made], check=True)
     kept = resources.files("fieldkit") / "data" / weather.PACKAGED
     assert made.read_text() == kept.read_text()
+
+
+@pytest.mark.parametrize("name", ["a.epw", "tmy3.csv", "nsrdb.csv", "pvgis.csv", "cams.csv"])
+def test_services_mean_the_same_hours_by_their_own_rules(tmp_path, name):
+    """EnergyPlus and TMY3 name the end of an hour, CAMS its beginning, the other two a moment; UTC-7."""
+    (tmp_path / name).write_bytes(foreign_files.modelled_weather()[name])
+    assert is_station_file(tmp_path / name)
+    read = read_station_file(tmp_path / name)
+    hour, ghi, dni, dhi, celsius = np.array(foreign_files.HOURS).T
+    middles = np.datetime64("2020-06-11T06:30", "ns") + hour.astype(int) * np.timedelta64(1, "h")
+    assert np.array_equal(read.time_ns, middles.astype(np.int64))
+    assert (read.site.latitude_deg, read.site.longitude_deg, read.site.elevation_m) == (40.0, -105.0, 1600.0)
+    assert read.ghi_w_m2 == pytest.approx(ghi)
+    assert read.dhi_w_m2 == pytest.approx(dhi)
+    if name != "pvgis.csv":  # which has the beam on the horizontal
+        assert read.dni_w_m2 == pytest.approx(dni)
+    if name != "cams.csv":
+        assert read.air_temperature_k == pytest.approx(celsius + 273.15)
+        assert read.wind_m_s == pytest.approx(2.5)
+    if name not in ("cams.csv", "pvgis.csv"):
+        assert read.pressure_pa == pytest.approx(84_000.0)
+
+
+def test_solrad_stamps_the_end_of_a_minute_and_marks_what_is_bad(tmp_path):
+    (tmp_path / "abq20163.dat").write_bytes(foreign_files.solrad())
+    read = read_station_file(tmp_path / "abq20163.dat")
+    assert np.datetime64(int(read.time_ns[0]), "ns") == np.datetime64("2020-06-11T19:00:30")
+    assert read.dni_w_m2 == pytest.approx([901.0, np.nan, 903.0], nan_ok=True)
+    assert read.ghi_w_m2 == pytest.approx([1001.0, 1002.0, 1003.0])
+
+
+def test_irradiance_on_a_tilted_plane_is_left_out_and_a_typical_year_named(tmp_path):
+    data = foreign_files.modelled_weather()
+    (tmp_path / "a.csv").write_bytes(data["pvgis.csv"].replace(b"Slope: 0", b"Slope: 35"))
+    (tmp_path / "b.csv").write_bytes(
+        data["tmy3.csv"].replace(b"2020,11", b"2019,11").replace(b"2020,09", b"2021,09")
+    )
+    tilted, typical = (read_station_file(tmp_path / name) for name in ("a.csv", "b.csv"))
+    assert np.isnan(tilted.ghi_w_m2).all()
+    assert len(tilted.notes) == len(typical.notes) == 1
+    (tmp_path / "c.csv").write_bytes(data["nsrdb.csv"] + data["nsrdb.csv"].splitlines(keepends=True)[-1])
+    with pytest.raises(ConfigError, match="comes twice", check=at(tmp_path / "c.csv")):
+        read_station_file(tmp_path / "c.csv")
 
 
 def test_reader_agrees_with_pvlib():
