@@ -56,8 +56,10 @@ if TYPE_CHECKING:
     "time_columns",
     multiple=True,
     metavar="NAME",
-    help="Column of a table's time; of date and time of day, one after the other.",
+    help="Column of a table's time; of its parts, one after the other.",
 )
+@click.option("--start", metavar="TIME", help="Moment of 0 of a table's times that count: 2026-12-11T12:00.")
+@click.option("--date", metavar="DAY", help="Day of a table's first row, if its times have none: 2026-12-11.")
 @click.option(
     "--keep",
     type=click.Choice(("first", "last")),

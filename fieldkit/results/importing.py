@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 from zoneinfo import ZoneInfo
@@ -96,6 +96,10 @@ class ImportOptions:
         Columns of a table to read.
     time_columns : tuple of str
         Columns of a table's time, or of its date and time of day, if it is not the first that looks like one.
+    start : str or datetime, optional
+        Moment of 0 of a table's times that count, such as ``2026-12-11T12:00``.
+    date : str or date, optional
+        Day of the first row of a table whose times have no date, such as ``2026-12-11``.
     keep : "first" or "last", optional
         Which rows of a table to keep of times that come twice, because its clock stepped back.
     measures : str or mapping
@@ -126,6 +130,8 @@ class ImportOptions:
     unit: str = ""
     columns: tuple[str, ...] = ()
     time_columns: tuple[str, ...] = ()
+    start: str | datetime | None = None
+    date: str | date | None = None
     keep: Keep | None = None
     measures: str | Mapping[str, str] = ""
     encoding: str = "utf-8-sig"
@@ -533,7 +539,7 @@ _OF_ALL = {"name", "title", "site"}
 _TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
 _FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
 _READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
-_TABLE = frozenset({*_READINGS, "time_format", "time_columns", "encoding"})
+_TABLE = frozenset({*_READINGS, "time_format", "time_columns", "start", "date", "encoding"})
 _FORMATS = (
     _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from itertools import chain, pairwise
@@ -42,7 +42,6 @@ from fieldkit.sessions.formats.tables import (
     SAMPLED,
     Column,
     Table,
-    cell_of,
     named,
     number_of,
     number_text,
@@ -51,7 +50,15 @@ from fieldkit.sessions.formats.tables import (
     split_head,
     written_unit,
 )
-from fieldkit.sessions.formats.times import Times, is_unix, plausible_ns, read_times
+from fieldkit.sessions.formats.time_columns import cell_of, counted_ns
+from fieldkit.sessions.formats.times import (
+    Times,
+    is_unix,
+    plausible_ns,
+    read_times,
+    times_from_start,
+    times_on_days,
+)
 from fieldkit.sessions.formats.zones import example
 
 _EXPORTED = ("seq", "flags", "mono_ns")
@@ -73,7 +80,8 @@ class LogOptions:
     """Facts that a table does not state itself: zone and format of its times, units, columns, encoding.
 
     `zone` is of times without one; `time_format` of date and time of day together where they stand in two
-    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back. Without
+    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back;
+    `start` is the moment of 0 of times that count, `date` the day of the first of times of day. Without
     `time_columns` the first that looks like a time is it, without `columns` all others with a unit are read.
     `unit` is of columns that state none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``) of
     the one column whose name does not give it, or of columns by their names.
@@ -89,6 +97,8 @@ class LogOptions:
     measures: str | Mapping[str, str] = ""
     keep: Keep | None = None
     sheet: str = ""
+    start: str | None = None
+    date: str | None = None
 
 
 AS_WRITTEN = LogOptions()
@@ -167,14 +177,14 @@ def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, N
 
     Raises `ConfigError` where what the table states differs from the zone given, or in itself, or is open.
     """
-    texts = [table.time_text(row) for row in table.rows]
+    read = _reader(path, table, options)
     stated = [zone for one in table.stated for zone in one.zones]
     zone = options.zone or next(iter(stated), UTC if table.stated else None)
-    times = read_times(texts, zone, options.time_format)
+    times = read(zone)
     if not times.needed_zone:
         text = f"every time states its own offset: the zone {options.zone} applies to none"
         return times, "with their own offset", [(Severity.WARNING, text)] if options.zone else []
-    agree = [read_times(texts, other, options.time_format).known_ns == times.known_ns for other in stated]
+    agree = [read(other).known_ns == times.known_ns for other in stated]
     if options.zone and stated and not any(agree):
         raise ConfigError(
             f"its times are of the zone {stated[0]}, not of {options.zone}",
@@ -208,6 +218,33 @@ def _of_things(
                 row = row._replace(cells=[a or b for a, b in zip(other.cells, row.cells, strict=True)])
             merged[key] = row
     return [merged[key] for key in sorted(merged)], notes
+
+
+def _reader(path: Path, table: Table, options: LogOptions) -> Callable[[tzinfo | None], Times]:
+    """Reads the times in a zone; raises `ConfigError` where they have no date and no option gives it."""
+    texts = [table.time_text(row) for row in table.rows]
+    is_start, is_date = options.start is not None, options.date is not None
+    uses = {"moment": (), "clock": ("date", "start"), "count": ("start",)}[table.kind]
+    idle = [Argument(name) for name in ("start", "date") if getattr(options, name) and name not in uses]
+    if idle or (is_start and is_date):
+        problem = "its times have dates" if table.kind == "moment" else "its times need one origin"
+        raise ConfigError(problem, place=path, fix="omit " + (idle or [Argument("date")])[0])
+    head = table.columns[table.time_at[0]].head
+    unit_ns = counted_ns(options.time_format or head)
+    if is_start and (unit_ns or table.kind == "clock"):
+        return lambda zone: times_from_start(texts, read_times([f"{options.start}"], zone), unit_ns)
+    if is_date:
+        time_format = options.time_format and f"%Y-%m-%d {options.time_format}"
+        days = times_on_days(texts, f"{options.date}")
+        return lambda zone: read_times(days, zone, time_format)
+    if table.kind == "moment":
+        return lambda zone: read_times(texts, zone, options.time_format)
+    fixes = [Argument(name, table.dates.get(name)) for name in uses if not (is_start and name == "start")]
+    fix = Sentence.listing(fixes)
+    if table.kind == "count" and not unit_ns:
+        fix = fix + ("; " if fixes else "") + Argument("time_format", "s") + " for its unit, ms, min or h"
+    text = "times of day" if table.kind == "clock" else f"a count from {texts[0]}"
+    raise MissingOptionsError(f"has {text}, and no date", place=f"{path}, column {head!r}", fix=fix)
 
 
 def _too_long(table: Table) -> dict[int, ConfigError]:

@@ -18,7 +18,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice, takewhile
 from pathlib import Path
@@ -29,13 +29,19 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
 from fieldkit.sessions.formats.containers import Contents, is_container, read_contents, unpacked
 from fieldkit.sessions.formats.imported import free_name
-from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix
+from fieldkit.sessions.formats.time_columns import (
+    SAMPLE,
+    Kind,
+    cell_of,
+    first_time,
+    time_places,
+    time_text,
+)
+from fieldkit.sessions.formats.times import is_dated
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
 
 _MAX_BYTES = 100_000_000
 _DELIMITERS = ";\t,"
-_SAMPLE = 200
-"""Rows that show what parts the columns, and where the time is."""
 
 DEFAULT_ENCODING = "utf-8-sig"
 _MARKS = {codecs.BOM_UTF8: DEFAULT_ENCODING, codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -64,7 +70,6 @@ _CAMPBELL = ("TOA5", "TOACI1")
 _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
 
 _BELOW_TIME = re.compile(r"TS|(?:UTC|GMT|[ymdhsf]|[\W\d_])*", re.IGNORECASE)  # such as yyyy-mm-dd hh:mm:ss
-_FRACTION_DIGITS = {"ms": 3, "msec": 3, "us": 6, "usec": 6, "µs": 6, "μs": 6}
 
 # in round brackets anything may stand, such as a place or a number: short words and signs of units are units
 _BRACKETS = re.compile(r"\s*(?:\[\s*(?P<square>[^\[\]]+?)\s*\]|\(\s*(?P<round>[^()]+?)\s*\))\s*$")
@@ -97,8 +102,10 @@ class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
     `has_decimal_commas`: a comma in a number is its decimal point; `stated` is what the file says of the
-    zone of its times. Without `has_end` the file ends within its last line. One that was
-    made of a `long` table has the thing of each row by its number, and words `about` them.
+    zone of its times. Without `has_end` the file ends within its last line. `kind` is what the times are,
+    `has_format` true if their format is given, `dates` what
+    lines above say of their start and date, or examples. One that was made of a `long` table has the thing of
+    each row by its number, and words `about` them.
     """
 
     columns: list[Column]
@@ -107,6 +114,9 @@ class Table:
     has_decimal_commas: bool
     stated: Sequence[Statement] = ()
     has_end: bool = True
+    kind: Kind = "moment"
+    has_format: bool = False
+    dates: Mapping[str, str] = field(default_factory=dict)
     long: Table | None = None
     things: Mapping[int, str] = field(default_factory=dict)
     about: str = ""
@@ -126,16 +136,9 @@ class Table:
 
     def time_text(self, row: Row) -> str:
         """The cells of a row's time as one text."""
+        labels = [self.columns[place].label for place in self.time_at]
         cells = [cell_of(row.cells, place) for place in self.time_at]
-        if len(cells) < 3:
-            return " ".join(cells)
-        digits = _FRACTION_DIGITS.get(self.columns[self.time_at[2]].label.lower(), 0)
-        return f"{cells[0]} {cells[1]}.{cells[2]:0>{digits}}"
-
-
-def cell_of(cells: Sequence[str], place: int) -> str:
-    """A cell; ``""`` where the row ends before it."""
-    return cells[place] if place < len(cells) else ""
+        return time_text(labels, cells, has_format=self.has_format)
 
 
 def read_table(
@@ -157,7 +160,9 @@ def read_table(
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
     except csv.Error as error:
         raise _unreadable(path, str(error)) from error
-    date, first = _first_time(path, rows, time_names, time_format)
+    cells = [row.cells for row in rows]
+    named_first = _place_of_name(rows, time_names[0]) if time_names else None
+    date, first, kind = first_time(path, cells, named_first, time_format)
     names, below = _header(rows[:first], date)
     if len(names) < 2 or first >= len(rows):
         raise ConfigError(
@@ -171,11 +176,14 @@ def read_table(
         refuse_swallowed(path, row.number, row.cells, len(names), delimiter)
     _refuse_another_header(path, names, below, body, date)
     named_at = tuple(place_of(path, columns, name) for name in time_names)
-    time_at = named_at or _time_at(path, columns, body, date)
+    labels = [column.label for column in columns]
+    time_at = named_at or (time_places(path, labels, cells[first:], date) if kind == "moment" else (date,))
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
     columns = _with_unit_columns(columns, body, time_at)
-    return Table(columns, body, time_at, delimiter != ",", stated, text.endswith(("\n", "\r")), notes=notes)
+    has_end, dates = text.endswith(("\n", "\r")), _dates(rows[:first])
+    has_commas, has_format = delimiter != ",", time_format is not None
+    return Table(columns, body, time_at, has_commas, stated, has_end, kind, has_format, dates, notes=notes)
 
 
 def named(path: Path, column: Column) -> str:
@@ -261,67 +269,16 @@ def _delimiter(text: str) -> str:
 
 
 def _alike(rows: Iterator[Row]) -> int:
-    widths = Counter(len(row.cells) for row in islice(rows, _SAMPLE))
+    widths = Counter(len(row.cells) for row in islice(rows, SAMPLE))
     return max((count for width, count in widths.items() if width > 1), default=0)
 
 
 # --- where the times are, and which line is the header
 
 
-def _first_time(
-    path: Path, rows: Sequence[Row], names: Sequence[str], time_format: str | None
-) -> tuple[int, int]:
-    """The column of the date or time, and the first row that has one; else the first and the second."""
-    named = _place_of_name(rows, names[0]) if names else None
-    for is_of_kind in (is_dated, lambda cell: is_time(cell, time_format), is_unix):
-        place = _place_where(rows[:_SAMPLE], is_of_kind) if named is None else named
-        for number, row in enumerate(rows):
-            if place is not None and len(row.cells) > 1 and is_of_kind(cell_of(row.cells, place)):
-                return place, number
-    if named is None and time_format is None:
-        _refuse_without_dates(path, rows)
-    return named or 0, 1
-
-
 def _place_of_name(rows: Sequence[Row], name: str) -> int | None:
-    heads = ((place, cell) for row in rows[:_SAMPLE] for place, cell in enumerate(row.cells))
+    heads = ((place, cell) for row in rows[:SAMPLE] for place, cell in enumerate(row.cells))
     return next((place for place, cell in heads if name in (cell, split_head(cell)[0])), None)
-
-
-def _place_where(rows: Sequence[Row], is_of_kind: Callable[[str], bool]) -> int | None:
-    """The first column of those whose cells look right in the most rows, a constant one last."""
-    cells_by_place: dict[int, list[str]] = {}
-    for row in rows:
-        for place, cell in enumerate(row.cells):
-            if is_of_kind(cell):
-                cells_by_place.setdefault(place, []).append(cell)
-    most = max(map(len, cells_by_place.values()), default=0)
-    usual = [place for place, cells in cells_by_place.items() if 2 * len(cells) > most]
-    return min(usual, key=lambda place: (len(set(cells_by_place[place])) == 1, place), default=None)
-
-
-def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
-    """Refuse what other tables hold in place of times; raises `ConfigError`."""
-    if any(row.cells[0].startswith(("File:", "Frame ")) for row in rows[:_SAMPLE]):
-        raise ConfigError(
-            "holds the temperatures of an image without its time, as FLIR's programs export them",
-            place=path,
-            fix="export the radiometric .jpg, .fff or .seq and import that",
-        )
-    clock = _place_where(rows[1:_SAMPLE], is_clock)
-    if clock is not None:
-        raise ConfigError(
-            "has times of day, and no column has the date",
-            place=f"{path}, column {cell_of(rows[0].cells, clock)!r}",
-            fix="add a column with the date, like 2026-05-12",
-        )
-    first = cell_of(rows[1].cells, 0) if len(rows) > 1 else ""
-    if re.fullmatch(r"[+-]?\d+([.,]\d+)?", first):
-        raise ConfigError(
-            f"counts from {first}, and no column has a date",
-            place=f"{path}, column {rows[0].cells[0]!r}",
-            fix="add a column such as 2026-05-12T15:30:46, or name it: " + Argument("time_columns"),
-        )
 
 
 def _header(above: Sequence[Row], place: int) -> tuple[list[str], list[list[str]]]:
@@ -358,24 +315,11 @@ def _refuse_another_header(
             )
 
 
-def _time_at(path: Path, columns: Sequence[Column], rows: Sequence[Row], date: int) -> tuple[int, ...]:
-    """The places of the time: the one column, or date, time of day and what stands behind its second."""
-    dates = [cell_of(row.cells, date) for row in rows]
-    if 2 * sum(map(is_date_alone, dates)) <= len(dates):
-        return (date,)
-    is_repeated = len(set(dates)) < len(dates)
-    for place in sorted(range(len(columns)), key=lambda place: (abs(place - date), place < date)):
-        is_near = is_repeated or abs(place - date) == 1
-        if is_near and 2 * sum(is_clock(cell_of(row.cells, place)) for row in rows) > len(rows):
-            after = columns[place + 1].label.lower() if place + 1 < len(columns) else ""
-            return (date, place, place + 1) if after in _FRACTION_DIGITS else (date, place)
-    if is_repeated:  # all of them would be put at midnight
-        raise ConfigError(
-            f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
-            place=path,
-            fix="put the time of day into the column after the date, like 15:30:46",
-        )
-    return (date,)
+def _dates(above: Sequence[Row]) -> dict[str, str]:
+    """A start and a date, the first that stand above a table; else examples."""
+    lines = (" ".join(cell for cell in row.cells if cell[:1].isdigit()) for row in above)
+    dated = next((line for line in lines if re.match(r"\d{4}-\d\d-\d\d", line)), "2026-12-11T12:00:00")
+    return {"start": dated, "date": dated[:10]}
 
 
 def _zone_fields(above: Sequence[Row], columns: Sequence[Column], rows: Sequence[Row]) -> Iterator[str]:

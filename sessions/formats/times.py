@@ -9,14 +9,16 @@ import statistics
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta, tzinfo
+from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from fieldkit.model import clock
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.next_step import Argument, Text
-from fieldkit.sessions.formats.imported import UnstatedZoneError
+from fieldkit.model.next_step import Argument, Sentence, Text
+from fieldkit.model.units import SECOND_NS
+from fieldkit.sessions.formats.imported import MissingOptionsError, UnstatedZoneError
 
 _COARSE_S = 1800.0
 """Rows so far apart cannot go back within an hour that comes twice."""
@@ -33,9 +35,15 @@ _DATED = re.compile(
 )
 _DATE_DIGITS = 8  # 20260512
 _WIDTHS = {"Y": 4, "j": 3}  # other numbers of strptime have two digits
-_IN_DIGITS = {10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _UNIX = re.compile(r"\d{9,11}([.,]\d+)?|\d{13}(\d{3}){0,2}")
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
+_CLOCK = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,:]\d+)?)?(\s*[AP]\.?\s?(M\.?)?)?", re.IGNORECASE)
+_HALF_DAY = re.compile(
+    r"(?<=\d)\s*([ap])\.?\s?(?:m\.?)?$", re.IGNORECASE
+)  # also Davis's 10:00a, Spanish p. m.
+_MILLISECONDS = re.compile(r"(?<=:\d\d:\d\d):(?=\d{3}$)")  # phones
+_SPACED_OFFSET = re.compile(r" ?([+-]\d\d:?\d\d)( UTC| GMT)?$")
+_NUMBER = re.compile(r"[+-]?\d*([.,]\d*)?(e[+-]?\d+)?", re.IGNORECASE)
+_ELAPSED = re.compile(r"(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
 
 
 class Times(NamedTuple):
@@ -76,7 +84,7 @@ def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | Non
             else:
                 written[row] = _parse(text, time_format)
         except ConfigError as error:
-            unreadable[row] = error
+            unreadable[row] = error if time_format or unreadable else _give_format(text, texts)
     for row, moment in _in_zone(texts, written, zone).items():
         try:
             known_ns[row] = utc_ns(moment)
@@ -179,21 +187,37 @@ def plausible_ns(time_ns: int) -> int:
 
 def _parse(text: str, time_format: str | None) -> datetime:
     plain, midnights = _END_OF_DAY.subn("00:00", text)
-    plain = _LEAP_SECOND.sub(":59", plain)
+    plain = _MILLISECONDS.sub(".", _LEAP_SECOND.sub(":59", plain))
+    if ":" in plain:
+        plain = _HALF_DAY.sub(lambda half: f"{half[1].upper()}M", plain)
     pattern = None if time_format is None else _pattern(time_format)
     try:
         moment = _iso(plain) if pattern is None else _by_pattern(plain, pattern)
         return moment + timedelta(days=midnights)
     except (ValueError, OverflowError) as error:
         expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
-        date = "%Y/%m/%d" if _YEAR_FIRST.match(text) else "%m/%d/%y"
-        usual = _IN_DIGITS.get(len(text) if text.isdigit() else 0, "%d.%m.%Y %H:%M:%S")
-        example = f"{date} %I:%M:%S %p" if text.upper().endswith(("AM", "PM")) else usual
-        raise ConfigError(
-            f"not a time as expected: {expected}",
-            place=repr(text),
-            fix="give the format of the times, such as " + Argument("time_format", example),
-        ) from error
+        raise ConfigError(f"not a time as expected: {expected}", place=repr(text)) from error
+
+
+_DATES = re.split(
+    "[|]",
+    "%d.%m.%Y|%d.%m.%y|%m/%d/%Y|%d/%m/%Y|%m/%d/%y|%d/%m/%y|%m-%d-%Y|%d-%m-%Y|%d.%m.%Y,|%m/%d/%Y,|%d/%m/%Y,|%d-%b-%Y"
+    "|%d-%b-%y|%d %b %Y|%d/%b/%Y|%b %d %Y|%b %d, %Y|%Y-%m-%d|%Y/%m/%d|%Y.%m.%d|%Y%m%d|%Y-%j|%Y年%m月%d日",
+)
+_CLOCKS = re.split("[|]", "%H:%M|%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M %p|%H%M|%H.%M|%H.%M.%S")
+_DIGITS = ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"]
+
+
+def _give_format(text: str, others: Sequence[str]) -> MissingOptionsError:
+    """The error of a time in another form, with the usual formats that fit it and most of the others."""
+    clocks = [f"{date}{mark}{clock}" for date in _DATES for mark in " T" for clock in _CLOCKS]
+    fitting = [time_format for time_format in [*_DATES, *_DIGITS, *clocks] if is_time(text, time_format)]
+    sample = others[:: 1 + len(others) // 50]
+    counts = [sum(is_time(other, time_format) for other in sample) for time_format in fitting]
+    best = [time_format for time_format, count in zip(fitting, counts, strict=True) if count == max(counts)]
+    formats = [Argument("time_format", one) for one in best[:2] or ["%d.%m.%Y %H:%M:%S"]]
+    fix = "give the format of the times, such as " + Sentence.listing(formats)
+    return MissingOptionsError("not a time in ISO 8601", place=repr(text), fix=fix)
 
 
 def _iso(text: str) -> datetime:
@@ -201,20 +225,35 @@ def _iso(text: str) -> datetime:
     if match is None:
         return datetime.fromisoformat(text)
     year, month, day, clock = match.groups(default="00:00")
-    clock = re.sub(" ?(UTC|GMT)$", "+00:00", clock if clock[2] == ":" else f"0{clock}")
+    clock = _SPACED_OFFSET.sub(r"\1", re.sub(r"(?<=:\d\d) ?(UTC|GMT)$", "+00:00", clock))
+    if clock.endswith("M"):
+        clock = (
+            datetime.strptime(clock, "%I:%M:%S%p" if clock.count(":") > 1 else "%I:%M%p").time().isoformat()
+        )
+    clock = clock if clock[2] == ":" else f"0{clock}"
     return datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}T{clock}")
 
 
 def _by_pattern(text: str, pattern: str) -> datetime:
     """A time by a strptime pattern; raises `ValueError`, also where too few digits stand side by side.
 
-    There strptime takes one digit where two belong: 1530 as ``%H%M%S`` would be 15:03:00.
+    There strptime takes one digit where two belong: 1530 as ``%H%M%S`` would be 15:03:00. Hours without their
+    zero are meant: 130 as ``%H%M`` is 01:30.
     """
-    longest = max(map(len, re.findall(r"\d+", text)), default=0)
-    for run in re.findall(r"(?:%[YymdHIMSj])+", pattern):
-        if len(run) > 2 and longest < sum(_WIDTHS.get(code, 2) for code in run[1::2]):
-            raise ValueError(f"{text} has too few digits for {run}")
-    return datetime.strptime(text, pattern)
+    parts = re.split("((?:%[A-Za-z])+)", pattern)
+    literals = [re.escape(part).replace(r"\ ", r"\s+") for part in parts[::2]]
+    match = re.fullmatch("(.+?)".join(literals), text)
+    days = 0
+    for place, (run, cell) in enumerate(zip(parts[1::2], match.groups() if match else (), strict=False)):
+        width = sum(_WIDTHS.get(code, 2) for code in run[1::2])
+        if len(run) > 2 and cell.isdigit() and len(cell) < width:
+            if not run.startswith("%H") or (run != "%H%M" and len(cell) < width - 1):
+                raise ValueError(f"{text} has too few digits for {run}")
+            cell = cell.zfill(width)
+        if run.startswith("%H%M") and cell.startswith("2400"):
+            cell, days = f"00{cell[2:]}", 1
+        parts[2 * place + 1] = cell
+    return datetime.strptime("".join(parts) if match else text, pattern) + timedelta(days=days)
 
 
 @lru_cache
@@ -227,6 +266,7 @@ def _pattern(time_format: str) -> str:
     pattern = time_format
     if "%" not in time_format:
         pattern = re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], time_format)
+    pattern = re.sub(r"\s+%p", "%p", pattern)
     codes = re.findall("%(.)", pattern)
     twice = next((code for code, count in Counter(codes).items() if count > 1 and code != "%"), None)
     if twice is not None:
@@ -269,6 +309,53 @@ def is_unix(text: str) -> bool:
 def is_clock(text: str) -> bool:
     """True if a text is a time of day: ``15:30``, ``15:30:46.5``, ``3:30 PM``."""
     return _CLOCK.fullmatch(text) is not None
+
+
+def is_number(text: str) -> bool:
+    """True if a text is a number, also with a decimal comma."""
+    return _NUMBER.fullmatch(text) is not None and any(map(str.isdigit, text))
+
+
+# --- times of a table whose cells have no date
+
+
+def times_on_days(texts: Sequence[str], first: str) -> list[str]:
+    """Times of day with their date, the first row's as given: one that falls by half a day is of the next."""
+    day, before_h, days = datetime.fromisoformat(first), 0.0, []
+    for text in texts:
+        match = _CLOCK.fullmatch(text)
+        hours, minutes = (int(part) for part in text.split(":")[:2]) if match else (before_h, 0)
+        is_half = match is not None and match[3] is not None
+        hour_h = (
+            hours % 12 + 12 * (match[3].strip()[0] in "pP") if match and is_half else hours
+        ) + minutes / 60
+        day += timedelta(days=hour_h < before_h - 12)
+        before_h = hour_h
+        days.append(f"{day:%Y-%m-%d} {text}")
+    return days
+
+
+def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:
+    """Times that count from the one time of `start`: numbers of a unit, or hours, minutes and seconds."""
+    for error in start.unreadable.values():
+        raise ConfigError(
+            error.problem, place=Argument("start"), fix=Argument("start", "2026-12-11T12:00:00")
+        )
+    start_ns = start.known_ns[0]
+    known_ns: dict[int, int] = {}
+    unreadable: dict[int, ConfigError] = {}
+    for row, text in enumerate(texts):
+        elapsed = _ELAPSED.fullmatch(_MILLISECONDS.sub(".", text))
+        parts = [elapsed[1], elapsed[2], elapsed[3]] if elapsed else [text]
+        if elapsed or is_number(text):
+            hours, minutes, seconds = [Decimal(0)] * (3 - len(parts)) + [
+                Decimal(part.replace(",", ".")) for part in parts
+            ]
+            count = hours * 3600 + minutes * 60 + seconds
+            known_ns[row] = plausible_ns(start_ns + round(count * Decimal(SECOND_NS if elapsed else unit_ns)))
+        else:
+            unreadable[row] = ConfigError("no number of a count", place=repr(text))
+    return Times(known_ns, unreadable, start.needed_zone)
 
 
 # --- of frames, given beside them: in a table, or in the names of their files

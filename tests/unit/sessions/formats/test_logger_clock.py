@@ -113,7 +113,7 @@ def test_years_without_a_gap_are_one_log(tmp_path):
 
 
 def test_times_are_refused_where_most_of_them_cannot_be_read(tmp_path):
-    check = at(f"{tmp_path / 'log.csv'}, row 2", Argument("time_format", "%d.%m.%Y %H:%M:%S"))
+    check = at(f"{tmp_path / 'log.csv'}, row 2", Argument("time_format", "%d.%m.%Y %H:%M"))
     with pytest.raises(ConfigError, match=r"'11\.06\.2026 12:00'", check=check):
         read(tmp_path, log(["11.06.2026 12:00", "11.06.2026 12:01"]))
 

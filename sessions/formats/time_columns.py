@@ -1,0 +1,224 @@
+"""Where a table has its times, and what they are: moments, times of day without a date, counts from zero."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from datetime import date, timedelta
+from pathlib import Path
+from typing import Literal
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
+from fieldkit.model.units import SECOND_NS
+from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_number, is_time, is_unix
+
+Kind = Literal["moment", "clock", "count"]
+Cells = Sequence[Sequence[str]]
+
+SAMPLE = 200
+"""Rows that show what parts the columns, and where the time is."""
+_PARTS = {
+    name: part
+    for part, names in {
+        "Y": "year years yyyy yr jahr año ano année annee anno år rok год 年",
+        "m": "month months mm mon mo monat mes mois mese mês måned месяц 月",
+        "d": "day days dd dom tag día dia jour giorno dag день 日",
+        "j": "doy jday julian julianday dayofyear yday",
+        "H": "hour hours hh hr hrs hhmm stunde hora heure ora uur час 時 时",
+        "M": "minute minutes min mi mn minuto minuut минута 分",
+        "S": "second seconds sec ss sekunde segundo seconde secondo секунда 秒",
+    }.items()
+    for name in names.split()
+}
+_FRACTION_DIGITS = {"ms": 3, "msec": 3, "millis": 3, "millisecond": 3, "milliseconds": 3, "us": 6, "usec": 6}
+_TIME_OF_DAY = re.compile(r"time|hh|zeit|hora|heure|ora|tijd|時|时", re.IGNORECASE)
+_COUNTED = re.compile(
+    r"(?<![^\W_])(ms|msec|mill?i\w*|us|[µμ]s|micro\w*|min|minut\w*|s|se[ck]\w*|segundos|h|hrs?|hours?|stunden|horas"
+    r"|heures|秒|分)(?![^\W_])",
+    re.IGNORECASE,
+)
+_SECONDS = {"ms": 1e-3, "mi": 60.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "h": 3600.0, "分": 60.0}
+
+
+def first_time(path: Path, rows: Cells, named: int | None, time_format: str | None) -> tuple[int, int, Kind]:
+    """The column of the time, the first row that has one, and what it is; else the first and the second."""
+    parts = None if named is not None else _row_of_parts(rows)
+    kinds: tuple[tuple[Callable[[str], bool], Kind], ...] = (
+        (is_dated, "moment"),
+        (lambda cell: is_time(cell, time_format), "moment"),
+        (is_unix, "moment"),
+        (is_clock, "clock"),
+        (is_number, "count"),
+    )
+    for is_of_kind, kind in kinds:
+        place = _place_where(rows[:SAMPLE], is_of_kind) if named is None else named
+        if parts is not None and (place is None or kind != "moment"):
+            return *parts, "moment"
+        if kind == "count" and named is None:
+            _refuse_image(path, rows)
+            place = _counted(rows, place)
+        is_row = [place is not None and len(row) > 1 and is_of_kind(cell_of(row, place)) for row in rows]
+        if place is not None and any(is_row):
+            return place, _first_below_header(rows, is_row), kind
+    return named or 0, 1, "moment"
+
+
+def cell_of(cells: Sequence[str], place: int) -> str:
+    """A cell; ``""`` where the row ends before it."""
+    return cells[place] if place < len(cells) else ""
+
+
+def _first_below_header(rows: Cells, is_row: Sequence[bool]) -> int:
+    """The first row with a time below one that names as many columns: dates of a preamble are above it."""
+    usual = Counter(len(row) for row, has_time in zip(rows, is_row, strict=True) if has_time).most_common(1)[
+        0
+    ][0]
+    heads = 0  # the most cells of the lines above without a time
+    for number, row in enumerate(rows):
+        width = sum(map(bool, row))
+        if not is_row[number]:
+            heads = max(heads, width)
+        elif heads >= width and len(row) == usual:
+            return number
+        else:
+            heads = 0
+    return is_row.index(True)
+
+
+def _place_where(rows: Cells, is_of_kind: Callable[[str], bool]) -> int | None:
+    """The first column of those whose cells look right in the most rows, a constant one last."""
+    cells_by_place: dict[int, list[str]] = {}
+    for row in rows:
+        for place, cell in enumerate(row):
+            if is_of_kind(cell):
+                cells_by_place.setdefault(place, []).append(cell)
+    most = max(map(len, cells_by_place.values()), default=0)
+    usual = [place for place, cells in cells_by_place.items() if 2 * len(cells) > most]
+    return min(usual, key=lambda place: (len(set(cells_by_place[place])) == 1, place), default=None)
+
+
+def _counted(rows: Cells, first: int | None) -> int | None:
+    """The first column below a name with a unit of time, else the first of the table if it has numbers."""
+    heads = next((row for row in rows[:SAMPLE] if not any(map(is_number, row))), [])
+    return next(
+        (place for place, cell in enumerate(heads) if _COUNTED.search(cell)), None if first else first
+    )
+
+
+def counted_ns(head: str) -> float:
+    """Nanoseconds in the unit of time that a header has; 0 without one."""
+    match = _COUNTED.search(head)
+    word = match[1].lower() if match else ""
+    if word.startswith(("mil", "mic")):
+        word = {"l": "ms", "c": "us"}[word[2]]
+    return (_SECONDS.get(word[:2], _SECONDS.get(word[:1], 1.0)) if word else 0.0) * SECOND_NS
+
+
+def _refuse_image(path: Path, rows: Cells) -> None:
+    if any(row[0].startswith(("File:", "Frame ")) for row in rows[:SAMPLE]):
+        raise ConfigError(
+            "holds the temperatures of an image without its time, as FLIR's programs export them",
+            place=path,
+            fix="export the radiometric .jpg, .fff or .seq and import that",
+        )
+
+
+# --- times in several columns
+
+
+def parts_of(labels: Sequence[str]) -> dict[str, int]:
+    """Places of year, month, day, hour ... by strptime's letters, as columns are called."""
+    places: dict[str, int] = {}
+    for place, label in enumerate(labels):
+        word = re.sub(r"[(\[].*|[\W\d_]", "", label.lower())
+        part = _PARTS.get(word, "")
+        if part in places and word == "mm":  # months and minutes
+            part = "M"
+        if part:
+            places.setdefault(part, place)
+    return places
+
+
+def _row_of_parts(rows: Cells) -> tuple[int, int] | None:
+    """The column of the years and the first row below a header of year, month and day."""
+    for number, row in enumerate(rows[:SAMPLE]):
+        parts = parts_of(row)
+        if "Y" in parts and ("j" in parts or {"m", "d"} <= parts.keys()):
+            years = (
+                below
+                for below in range(number + 1, len(rows))
+                if cell_of(rows[below], parts["Y"])[:4].isdigit()
+            )
+            return next(((parts["Y"], below) for below in years), None)
+    return None
+
+
+def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> tuple[int, ...]:
+    """The places of the time: one column, its parts, or date and time of day; a fraction of its second."""
+    parts = parts_of(labels)
+    if parts.get("Y") == first:
+        return tuple(
+            parts[part] for part in "YjmdHMS" if part in parts and ("j" not in parts or part not in "md")
+        )
+    cells = [cell_of(row, first) for row in rows]
+    places: tuple[int, ...] = (first,)
+    if 2 * sum(map(is_date_alone, cells)) > len(cells) and not all(map(is_number, cells)):
+        places += _time_of_day(path, labels, rows, first)
+    after = places[-1] + 1
+    digits = _FRACTION_DIGITS.get(labels[after].lower(), 0) if after < len(labels) else 0
+    is_fraction = digits and all(
+        len(cell) <= digits and cell.isdigit() for row in rows if (cell := cell_of(row, after))
+    )
+    return (*places, after) if is_fraction else places
+
+
+def _time_of_day(path: Path, labels: Sequence[str], rows: Cells, first: int) -> tuple[int, ...]:
+    """The columns with the times of day of a column of dates; none where each date stands once."""
+    dates = [cell_of(row, first) for row in rows]
+    is_repeated = len(set(dates)) < len(dates)
+    near = sorted(set(range(len(labels))) - {first}, key=lambda place: (abs(place - first), place < first))
+    for place in near if is_repeated else [place for place in near if abs(place - first) == 1]:
+        if 2 * sum(is_clock(cell_of(row, place)) for row in rows) > len(rows):
+            return (place,)
+    parts = {part: place for part, place in parts_of(labels).items() if part in "HMS"}
+    named = [parts["H"]] if "H" in parts else [place for place in near if _TIME_OF_DAY.search(labels[place])]
+    if not is_repeated:
+        return ()
+    for place in named:
+        if all(re.fullmatch(r"\d{1,4}(\.0)?", cell) for row in rows if (cell := cell_of(row, place))):
+            return tuple(parts.values()) if "H" in parts else (place,)
+    raise ConfigError(  # all of them would be put at midnight
+        f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
+        place=path,
+        fix="name the column of the date, then that of the time of day: " + Argument("time_columns"),
+    )
+
+
+def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) -> str:
+    """The cells of a time as one text, ISO 8601 where they are its parts and no format is given for them."""
+    if digits := _FRACTION_DIGITS.get(labels[-1].lower(), 0) if len(labels) > 1 else 0:
+        return f"{time_text(labels[:-1], cells[:-1], has_format=has_format)}.{cells[-1]:0>{digits}}"
+    parts = {part: re.sub(r"\.0*$", "", cells[place]) for part, place in parts_of(labels).items()}
+    is_split = "Y" in parts
+    if (
+        has_format
+        or len(cells) < 2
+        or not (is_split or "H" in parts or re.fullmatch(r"\d{1,4}(\.0)?", cells[1]))
+    ):
+        return " ".join(cells)
+    hour = parts.get("H", "0" if is_split else re.sub(r"\.0$", "", cells[1]).zfill(3))
+    if len(hour) > 2 and ":" not in hour:  # 100 is one o'clock
+        hour = f"{hour[:-2]:0>2}:{hour[-2:]}"
+    clock = hour if ":" in hour else f"{hour:0>2}:{parts.get('M', '0'):0>2}"
+    second, point, fraction = parts.get("S", "0").partition(".")
+    return f"{_day(parts) if is_split else cells[0]} {clock}" + (
+        f":{second:0>2}{point}{fraction}" if "S" in parts else ""
+    )
+
+
+def _day(parts: dict[str, str]) -> str:
+    if "j" in parts and parts["j"].isdigit() and parts["Y"].isdigit():
+        return f"{date(int(parts['Y']), 1, 1) + timedelta(days=int(parts['j']) - 1)}"
+    return f"{parts['Y']}-{parts.get('m', ''):0>2}-{parts.get('d', ''):0>2}"
