@@ -29,8 +29,10 @@ from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import (
     ImportedRecording,
     MissingOptionsError,
+    UnstatedZoneError,
     free_name,
     imported_reading,
+    together,
     usual_rate_hz,
 )
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
@@ -52,6 +54,7 @@ from fieldkit.sessions.formats.tables import (
 )
 from fieldkit.sessions.formats.time_columns import cell_of, counted_ns
 from fieldkit.sessions.formats.times import (
+    GIVE_ZONE,
     Times,
     is_unix,
     plausible_ns,
@@ -122,7 +125,10 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         sheet=options.sheet,
     )
     table = by_thing(path, table)
-    channels, about_columns = _channels(path, table, options)
+    try:
+        channels, about_columns = _channels(path, table, options)
+    except MissingOptionsError as error:
+        raise together(error, *_missing_of_times(path, table, options)) from None
     _refuse_marks(path, table, channels)
     _refuse_without_numbers(path, table, channels)
     measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
@@ -159,7 +165,10 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     if 2 * len(errors) >= len(rows):
         place = min(errors)
         error = errors[place]
-        raise type(error)(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
+        refusal = type(error)(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
+        has_offset = re.search(r"([+-]\d\d:?\d\d|Z|UTC|GMT)$", table.time_text(rows[place]))
+        is_known = has_offset or options.zone or table.stated
+        raise together(refusal, *([] if is_known else [UnstatedZoneError("no zone", fix=GIVE_ZONE)]))
     timed = [
         TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
         for place, row in enumerate(rows)
@@ -170,6 +179,16 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
         notes.append((Severity.WARNING, f"{row_count(named_rows)} excluded: {listing(named_rows)}"))
     ordered, about_order = _of_things(path, timed, table, options.keep)
     return ordered, zone, notes + about_order
+
+
+def _missing_of_times(path: Path, table: Table, options: LogOptions) -> list[ConfigError]:
+    try:
+        _timed_rows(path, table, options)
+    except MissingOptionsError as error:
+        return [error]
+    except ConfigError:
+        return []  # told when the options are there
+    return []
 
 
 def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, Notes]:
@@ -341,7 +360,7 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
         channels.append(_channel(table, place, meaning))
         heads[source].append(column.head)
     if not any(channel.meaning.unit.shown for channel in channels):
-        raise ConfigError(
+        raise MissingOptionsError(
             "no column has a unit" + (f" ({table.about})" if table.about else ""),
             place=path,
             fix='headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others",
@@ -351,7 +370,7 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
         columns = Sentence.listing([Argument("columns", head) for head in heads["option"]])
         about = f" ({table.about})" if table.about else ""
         text = f"{len(heads['option'])} columns state no unit, and {unit} need not be that of all{about}"
-        raise ConfigError(text, place=path, fix=f"choose those of {unit} from " + columns)
+        raise MissingOptionsError(text, place=path, fix=f"choose those of {unit} from " + columns)
     text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
     notes = [(Severity.WARNING, text)] if heads["unknown"] else []
     return channels, [*notes, *_on_option("the unit", unit, heads["option"], heads["table"])]

@@ -24,11 +24,11 @@ from fieldkit.sessions.formats.tables import (
     Column,
     Row,
     Table,
-    cell_of,
     number_of,
     number_text,
     written_unit,
 )
+from fieldkit.sessions.formats.time_columns import cell_of
 
 _MOST_THINGS = 200
 _NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)

@@ -293,7 +293,7 @@ def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> b
     width = len([cell for cell in cells if cell])
     is_table = width > 0 and len(cells) > 1 and len([name for name in names if name]) >= max(width, 2)
     others = [cell for at, cell in enumerate(cells) if cell and at != place]
-    is_of_units = bool(others) and all(is_unit(cell.strip("[]() ")) for cell in others)
+    is_of_units = any(is_unit(cell.strip("[]() ")) for cell in others) and not any(map(is_unit, names))
     is_below_time = is_of_units and _TIME_COLUMN.search(cell_of(names, place))
     return is_table and bool(is_below_time or _BELOW_TIME.fullmatch(cell_of(cells, place)))
 

@@ -12,7 +12,15 @@ from typing import Literal
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_number, is_time, is_unix
+from fieldkit.sessions.formats.times import (
+    has_day,
+    is_clock,
+    is_date_alone,
+    is_dated,
+    is_number,
+    is_time,
+    is_unix,
+)
 
 Kind = Literal["moment", "clock", "count"]
 Cells = Sequence[Sequence[str]]
@@ -46,8 +54,8 @@ def first_time(path: Path, rows: Cells, named: int | None, time_format: str | No
     """The column of the time, the first row that has one, and what it is; else the first and the second."""
     parts = None if named is not None else _row_of_parts(rows)
     kinds: tuple[tuple[Callable[[str], bool], Kind], ...] = (
+        (lambda cell: is_time(cell, time_format), "moment" if has_day(time_format) else "clock"),
         (is_dated, "moment"),
-        (lambda cell: is_time(cell, time_format), "moment"),
         (is_unix, "moment"),
         (is_clock, "clock"),
         (is_number, "count"),
@@ -60,7 +68,8 @@ def first_time(path: Path, rows: Cells, named: int | None, time_format: str | No
             _refuse_image(path, rows)
             place = _counted(rows, place)
         is_row = [place is not None and len(row) > 1 and is_of_kind(cell_of(row, place)) for row in rows]
-        if place is not None and any(is_row):
+        # a date or two may stand above times of day or counts
+        if place is not None and 4 * sum(is_row) > len(rows) - (is_row.index(True) if any(is_row) else 0):
             return place, _first_below_header(rows, is_row), kind
     return named or 0, 1, "moment"
 
@@ -71,20 +80,18 @@ def cell_of(cells: Sequence[str], place: int) -> str:
 
 
 def _first_below_header(rows: Cells, is_row: Sequence[bool]) -> int:
-    """The first row with a time below one that names as many columns: dates of a preamble are above it."""
-    usual = Counter(len(row) for row, has_time in zip(rows, is_row, strict=True) if has_time).most_common(1)[
-        0
-    ][0]
-    heads = 0  # the most cells of the lines above without a time
+    """The first row with a time below a line that names as many columns: dates of a preamble seldom are."""
+    head, first = 0, -1
+    rows_below: dict[int, int] = {}
     for number, row in enumerate(rows):
         width = sum(map(bool, row))
-        if not is_row[number]:
-            heads = max(heads, width)
-        elif heads >= width and len(row) == usual:
-            return number
+        if is_row[number]:
+            first = first if first >= 0 else number
+            rows_below[first] = rows_below.get(first, 0) + (head >= width)
         else:
-            heads = 0
-    return is_row.index(True)
+            head, first = width if first >= 0 else max(head, width), -1
+    enough = min(4, max(rows_below.values()))
+    return next(number for number, count in rows_below.items() if count >= enough)
 
 
 def _place_where(rows: Cells, is_of_kind: Callable[[str], bool]) -> int | None:

@@ -46,6 +46,9 @@ _NUMBER = re.compile(r"[+-]?\d*([.,]\d*)?(e[+-]?\d+)?", re.IGNORECASE)
 _ELAPSED = re.compile(r"(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
 
 
+GIVE_ZONE = Argument("zone", "Asia/Tokyo") + ", or UTC"
+
+
 class Times(NamedTuple):
     """UTC nanoseconds by row, the errors of rows without any, and whether a time needed the zone."""
 
@@ -118,8 +121,7 @@ def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
     if moment.tzinfo is not None:
         return moment
     if zone is None:
-        fix = Argument("zone", "Asia/Tokyo") + ", or UTC"
-        raise UnstatedZoneError("a time without a zone", place=repr(text), fix=fix)
+        raise UnstatedZoneError("a time without a zone", place=repr(text), fix=GIVE_ZONE)
     return moment.replace(tzinfo=zone)
 
 
@@ -311,6 +313,14 @@ def is_clock(text: str) -> bool:
     return _CLOCK.fullmatch(text) is not None
 
 
+def has_day(time_format: str | None) -> bool:
+    """False if a format is of times of day alone."""
+    return (
+        time_format is None
+        or re.search("%[^HIMSfpz%:.]|[yd]", re.sub("%[HIMSfpz]", "", time_format)) is not None
+    )
+
+
 def is_number(text: str) -> bool:
     """True if a text is a number, also with a decimal comma."""
     return _NUMBER.fullmatch(text) is not None and any(map(str.isdigit, text))
@@ -321,18 +331,23 @@ def is_number(text: str) -> bool:
 
 def times_on_days(texts: Sequence[str], first: str) -> list[str]:
     """Times of day with their date, the first row's as given: one that falls by half a day is of the next."""
-    day, before_h, days = datetime.fromisoformat(first), 0.0, []
+    day, before_h, days = _day(first), 0.0, []
     for text in texts:
-        match = _CLOCK.fullmatch(text)
-        hours, minutes = (int(part) for part in text.split(":")[:2]) if match else (before_h, 0)
-        is_half = match is not None and match[3] is not None
-        hour_h = (
-            hours % 12 + 12 * (match[3].strip()[0] in "pP") if match and is_half else hours
-        ) + minutes / 60
-        day += timedelta(days=hour_h < before_h - 12)
-        before_h = hour_h
+        if clock := re.match(r"(\d+)\D(\d\d)[^ap]*([ap]?)", text, re.IGNORECASE):
+            hour = int(clock[1]) % 12 + 12 * (clock[3] in "pP") if clock[3] else int(clock[1])
+            hour_h = hour + int(clock[2]) / 60
+            day += timedelta(days=hour_h < before_h - 12)
+            before_h = hour_h
         days.append(f"{day:%Y-%m-%d} {text}")
     return days
+
+
+def _day(text: str) -> datetime:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        example = Argument("date", "2026-12-11")
+        raise ConfigError(f"{text!r} is no date", place=Argument("date"), fix=example) from None
 
 
 def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:
