@@ -46,7 +46,8 @@ def test_sound_files_of_every_kind_become_sessions(sound, tmp_path, name):
 OPTIONS = {
     "--kelvin-per-count": "0.5", "--kelvin-at-zero": "1", "--times": __file__, "--time-format": "%Y",
     "--zone": "Asia/Tokyo", "--clock-offset": "+1s", "--unit": "lx", "--column": "x", "--measures": "gti",
-    "--encoding": "cp1252", "--time": "x", "--keep": "first", "--start": "2026-05-12T01:00Z", "--date": "2026-05-12",
+    "--encoding": "cp1252", "--time": "x", "--keep": "first",
+    "--start": "2026-05-12T01:00Z", "--date": "2026-05-12",
 }  # fmt: skip
 FIELDS = {word: option.name for option in import_session.command.params for word in option.opts}
 TIMES = {"--times", "--time-format", "--zone", "--clock-offset"}
