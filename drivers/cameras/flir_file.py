@@ -1,4 +1,4 @@
-r"""FLIR files as pure functions: FFF, SEQ (FFF one after another) and radiometric JPEG.
+r"""FLIR files as pure functions: FFF, SEQ and CSQ (FFF one after another) and radiometric JPEG.
 
 Container, camera information and Planck constants as ExifTool and two public readers agree. Two traps: the
 file header may be big-endian while the pixels are little-endian (the record's first word decides), and the
@@ -19,6 +19,7 @@ from fieldkit import native_code
 from fieldkit.drivers.decoding import text_of
 from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.errors import DecodeError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_k
 
@@ -28,10 +29,10 @@ RAW_IMAGE, CAMERA_INFORMATION = 0x01, 0x20
 MOST_RECORDS = 1024
 MOST_PIXELS = 1 << 24
 _APP1, _APP2, _APP3 = 0xE1, 0xE2, 0xE3
-_PNG, _JPEG_LS = b"\x89PNG", b"\xff\xd8\xff\xf7"
+_PNG, _JPEG_LS = b"\x89PNG", (b"\xff\xd8\xff\xf7", b"\xff\xd8\xff\xe8")
 _INFORMATION_END = 0x394
-_MOST_PADDING = 16
-"""Bytes between frames or after the last: some models fill up to whole words."""
+_SHORT_PADDING, _MOST_PADDING = 16, 1 << 16
+"""Bytes after any frame, or before another: some models fill up to whole words, others to blocks or pages."""
 
 _EXPORT_TIFF = "export 16-bit TIFF by the maker's program; import that with " + Argument("kelvin_per_count")
 _RANGES = {
@@ -62,23 +63,26 @@ class FlirFrame:
 
 
 def frames(data: bytes | mmap) -> Iterator[FlirFrame]:
-    """Every frame of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
+    """Every frame of an FFF, SEQ, CSQ or radiometric JPEG file; raises `DecodeError` where it is none."""
     if data[:2] == b"\xff\xd8":
         data = embedded_fff(data)
-    start = 0
+    start, padding = 0, _SHORT_PADDING
     while start < len(data):
-        length = frame_length(data, start)
-        yield read_frame(data[start : start + length])
-        start = _after_padding(data, start + length)
+        end = start + frame_length(data, start)
+        yield read_frame(data[start:end])
+        start = _after_padding(data, end, padding)
+        padding = max(padding, start - end)
 
 
-def _after_padding(data: bytes | mmap, start: int) -> int:
-    """Start of the next frame, or the end of the data: never further than a header's beginning."""
-    gap = data[start : start + _MOST_PADDING + 4]
+def _after_padding(data: bytes | mmap, end: int, padding: int) -> int:
+    """Start of the next frame, or the end of the data if no more than `padding` follows; else `end`."""
+    if data[end : end + 4] in MAGIC:
+        return end
+    gap = data[end : end + _MOST_PADDING + 4]
     places = [gap.find(magic) for magic in MAGIC if magic in gap]
     if places:
-        return start + min(places)
-    return len(data) if len(gap) <= _MOST_PADDING else start
+        return end + min(places)
+    return len(data) if len(data) - end <= padding else end
 
 
 def embedded_fff(jpeg: bytes | mmap) -> bytes:
@@ -181,11 +185,7 @@ def _pixels(record: bytes) -> CountArray:
     if body.startswith(_PNG):
         return _png(body, height, width)
     if body.startswith(_JPEG_LS):
-        raise DecodeError(
-            f"the raw frame of {width}x{height} is compressed as JPEG-LS (a .csq)",
-            record[:RAW_HEADER],
-            fix="save it as .seq, or its frames as radiometric JPEG, in the maker's program",
-        )
+        return _jpeg_ls(body, height, width)
     if not 0 < width * height <= MOST_PIXELS or len(body) < 2 * width * height:
         raise DecodeError(f"the raw frame of {width}x{height} has {len(body)} bytes", record[:RAW_HEADER])
     return (
@@ -201,6 +201,24 @@ def _png(body: bytes, height: int, width: int) -> CountArray:
     if image is None or image.dtype != np.uint16 or image.shape != (height, width):
         raise DecodeError("the raw frame's PNG does not decode", body[:32])
     return np.asarray(image, np.uint16).byteswap()
+
+
+def _jpeg_ls(body: bytes, height: int, width: int) -> CountArray:
+    """A frame of a ``.csq``; its size is compared before anything is unpacked."""
+    try:
+        from imagecodecs import jpegls_decode
+    except ImportError as error:
+        words = f"the raw frame of {width}x{height} is compressed as JPEG-LS (a .csq)"
+        raise DecodeError(words, body[:32], fix=install_extra("files")) from error
+    frame = body.find(b"\xff\xf7")  # SOF55: length, precision, rows, columns
+    is_whole = body[frame + 5 : frame + 9] == struct.pack(">HH", height, width)
+    try:
+        image = jpegls_decode(body) if is_whole and width * height <= MOST_PIXELS else None
+    except RuntimeError:
+        image = None
+    if image is None or image.dtype != np.uint16 or image.shape != (height, width):
+        raise DecodeError("the raw frame's JPEG-LS does not decode", body[:32])
+    return np.asarray(image, np.uint16)
 
 
 def _with_information(counts: CountArray, record: bytes) -> FlirFrame:

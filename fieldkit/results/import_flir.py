@@ -24,7 +24,7 @@ from fieldkit.model.samples import Frame, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, plausible_ns
 
-SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
+SUFFIXES = (".fff", ".seq", ".csq", ".jpg", ".jpeg")
 _COPY = "copy it from the camera again; a truncated file cannot be read"
 
 

@@ -23,9 +23,11 @@ _FFF_HEADER, _FFF_ENTRY = 64, 32
 
 def fff(
     counts: np.ndarray, seconds: int, milliseconds: int = 0,
-    changed: Mapping[int, float] = MappingProxyType({}),
+    changed: Mapping[int, float] = MappingProxyType({}), packed: bytes = b"",
 ) -> bytes:  # fmt: skip
     """One FLIR FFF, little-endian: 64-byte header, two directory entries, camera information, raw picture.
+
+    `packed` stands in place of the counts.
 
     Layout: ExifTool's FLIR.pm (FFF header and directory, CameraInfo, RawData).
     """
@@ -38,7 +40,7 @@ def fff(
     struct.pack_into("<H", information, 0x464, 9)
     information[0xD4:0xD8] = b"T420"
     rows, cols = counts.shape
-    raw = struct.pack("<HHH", 2, cols, rows).ljust(32, b"\0") + counts.astype("<u2").tobytes()
+    raw = struct.pack("<HHH", 2, cols, rows).ljust(32, b"\0") + (packed or counts.astype("<u2").tobytes())
     first = _FFF_HEADER + 2 * _FFF_ENTRY
     records = ((0x20, first, len(information)), (0x01, first + len(information), len(raw)))
     directory = b"".join(

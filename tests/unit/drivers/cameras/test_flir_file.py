@@ -4,11 +4,13 @@ import struct
 import cv2
 import numpy as np
 import pytest
+from imagecodecs import jpegls_encode
 
 from fieldkit.drivers.cameras import flir_file
 from fieldkit.drivers.cameras.flir_file import frame_length, frames
 from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import planck
+from tests.harness.foreign_files import fff
 from tests.shared_data import shared
 
 NAMES = ("frame_000000.fff", "frame_000000_le.fff")
@@ -70,6 +72,22 @@ def test_frame_stored_as_png_is_unswapped(recorded):
     body = png.tobytes().ljust(len(pixels), b"\0")
     (frame,) = frames(data.replace(pixels, body))
     assert (frame.counts == plain.counts).all()
+
+
+@pytest.mark.parametrize("padding", [0, 3, 16, 100, 4096, 60_000])
+@pytest.mark.parametrize("fill", [b"\0", b"\xff", b"F"])
+def test_frames_of_a_csq_are_jpeg_ls_with_any_padding(padding, fill):
+    """16-bit JPEG-LS (ITU-T T.87), as ExifTool's FLIR.pm and public readers describe the record."""
+    counts = np.random.default_rng(1).integers(0, 65_536, (3, 24, 32)).astype(np.uint16)
+    data = b"".join(
+        fff(frame, 1_480_000_000, packed=jpegls_encode(frame)) + fill * padding for frame in counts
+    )
+    assert [frame.counts.tolist() for frame in frames(data)] == counts.tolist()
+    broken = fff(counts[0], 0, packed=jpegls_encode(counts[0])[:200])
+    other = fff(counts[0], 0, packed=jpegls_encode(counts[0, :8]))
+    for wrong in (broken, other):
+        with pytest.raises(DecodeError, match="JPEG-LS"):
+            list(frames(wrong))
 
 
 def test_stream_settings_give_brightness_temperature_without_the_cameras_emissivity(recorded):
