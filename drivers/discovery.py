@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import thermal_master
@@ -31,15 +30,15 @@ VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840))
 RAW_ONLY = (*thermal_master.KINDS, *ut325.KINDS)
 """Instruments that have only the raw USB node."""
 
-ADAPTERS: Mapping[str, tuple[int, Sequence[int]]] = MappingProxyType(
-    {
-        "ch341": (0x1A86, (0x5523, 0x7522, 0x7523)),
-        "cp210x": (0x10C4, (0xEA60, 0xEA61, 0xEA63, 0xEA70, 0xEA71)),
-        "ftdi_sio": (0x0403, (0x6001, 0x6010, 0x6011, 0x6014, 0x6015)),
-        "pl2303": (0x067B, (0x2303, 0x2304, 0x23A3, 0x23B3, 0x23C3, 0x23D3, 0x23E3, 0x23F3)),
-    }
+ADAPTERS = (
+    ("ch341", 0x1A86, (0x5523, 0x7522, 0x7523)),
+    ("ch341", 0x4348, (0x5523,)),
+    ("cp210x", 0x10C4, (0xEA60, 0xEA61, 0xEA63, 0xEA70, 0xEA71)),
+    ("ftdi_sio", 0x0403, (0x6001, 0x6010, 0x6011, 0x6014, 0x6015)),
+    ("pl2303", 0x067B, (0x2303, 0x2304, 0x23A3, 0x23B3, 0x23C3, 0x23D3, 0x23E3, 0x23F3)),
 )
-"""Kernel modules of serial adapters, each with vendor and products; others are of a USB class, cdc_acm's."""
+"""Kernel modules of serial adapters, with vendor and products; others are of a USB class, cdc_acm's."""
+MODULES = {(vendor, product): module for module, vendor, products in ADAPTERS for product in products}
 BRLTTY_RULES = Path("/usr/lib/udev/rules.d")
 SLOW_LATENCY_MS = 2
 NO_DRIVER = "no fieldkit driver"
@@ -256,33 +255,23 @@ def _adapters_without_port(sysfs: Path, found_ports: Sequence[Found]) -> Iterato
     """Serial adapters that the kernel sees and that have no port, with what has taken them."""
     for usb, folder in _usb_devices(sysfs):
         interfaces = [*folder.parent.glob(f"{folder.name}:*")]
-        module = _serial_module(usb, interfaces)
+        is_cdc = any("ic02isc02" in _text(interface / "modalias") for interface in interfaces)
+        module = MODULES.get((usb.vendor, usb.product), "cdc_acm" if is_cdc else "")
         if module and usb.path not in {other.path for _, other in found_ports}:
             text, fix = _why_no_port(module, folder, interfaces)
             yield Finding("fail", usb.title or usb.as_text(), f"{usb.as_text()} has no port: {text}", fix)
-
-
-def _serial_module(usb: UsbIdentity, interfaces: Sequence[Path]) -> str:
-    """The kernel module of a serial adapter; empty for another device."""
-    for module, (vendor, products) in ADAPTERS.items():
-        if usb.vendor == vendor and usb.product in products:
-            return module
-    names = ("bInterfaceClass", "bInterfaceSubClass")
-    is_modem = ["02", "02"] in [[_text(folder / name) for name in names] for folder in interfaces]
-    return "cdc_acm" if is_modem else ""
 
 
 def _why_no_port(module: str, folder: Path, interfaces: Sequence[Path]) -> tuple[str, str]:
     """What keeps an adapter from having a port, and the command that frees it."""
     is_brltty = _is_running("brltty") or any(BRLTTY_RULES.glob("*brltty*"))
     if is_brltty and module != "cdc_acm":
-        fix = "without a Braille display: sudo apt remove brltty, then unplug and plug it"
-        return "brltty takes it for a Braille display", fix
-    if "usbfs" in {(interface / "driver").resolve().name for interface in interfaces}:
-        fix = f"close it (sudo fuser -v {_raw_path(folder)} names it), then unplug and plug it"
-        return "another program has it", fix
-    fix = f"sudo modprobe {module}; if there is none: sudo apt install linux-modules-extra-$(uname -r)"
-    return f"the kernel's driver {module} is not in use", fix
+        text, fix = "brltty takes it for a Braille display", "if you have none: sudo apt remove brltty"
+    elif "usbfs" in {(interface / "driver").resolve().name for interface in interfaces}:
+        text, fix = "another program has it", f"close what sudo fuser -v {_raw_path(folder)} names"
+    else:
+        text, fix = f"the kernel's driver {module} is not in use", f"sudo modprobe {module}"
+    return text, f"{fix}, then unplug and plug it"
 
 
 def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:

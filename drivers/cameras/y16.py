@@ -43,8 +43,8 @@ def decode(
     return DecodedFrame(pixel_view(data, (height, width)), scale=scale, offset=offset)
 
 
-def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
-    """The size that is wanted, else the usual ones."""
+def sizes_of(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
+    """The size that `settings` state, else the usual ones."""
     width, height = size_of(settings)
     return ((width, height),) if width > 0 and height > 0 else SIZES
 
@@ -84,7 +84,7 @@ class Y16(CameraDriver):
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""
         settings = decoding_settings(self.name, options)
-        sizes = _sizes(settings)
+        sizes = sizes_of(settings)
         if sizes is SIZES:
             sizes = tuple(size for size in SIZES if len(data) % (2 * size[0] * size[1]) == 0)
         if not sizes:
@@ -102,7 +102,7 @@ class Y16(CameraDriver):
                 place=settings.name,
                 fix='identity = "vendor:product"',
             )
-        sizes = _sizes(settings)
+        sizes = sizes_of(settings)
         handle = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)
         width, height = getattr(handle.source, "size", sizes[0])
         read = decoder(settings, width, height)

@@ -10,13 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from fieldkit.drivers.simulated.lepton import (
-    LATENCY_S,
-    SimulatedLepton,
-    SimulatedTCam,
-    SimulatedY16,
-    frame_shape,
-)
+from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton, SimulatedTCam, SimulatedY16
 from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
@@ -24,8 +18,6 @@ from fieldkit.model.fault_kind import FaultKind
 from fieldkit.simulation import Scene
 from fieldkit.simulation.faults import CLOCK_STEP_S
 from fieldkit.simulation.simulated_clock import SimulatedClock
-
-__all__ = ["CAMERAS", "METERS", "PORT", "SimulatedField", "frame_shape"]
 
 PORT = "simulated"
 """Port of a simulated instrument in the configuration."""
@@ -66,8 +58,8 @@ class SimulatedField:
             return settings
         if (camera := CAMERAS.get(settings.driver)) is not None:
             options = {"latency_s": LATENCY_S, **settings.options}
-            offset_k = self._camera_offsets_k.get(settings.name, 0.0)
-            source = camera(self._scene, self._clock, offset_k, settings)
+            source = camera(self._scene, self._clock, self._camera_offsets_k.get(settings.name, 0.0))
+            source.settings = settings
             return replace(settings, options=options, source=source)
         if (meter := METERS.get(settings.driver)) is not None:
             instrument = meter(self._scene, self._clock, settings)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldkit.drivers import options
-from fieldkit.drivers.cameras.y16 import size_of
+from fieldkit.drivers.cameras.y16 import sizes_of
 from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceLostError
@@ -213,15 +213,14 @@ _COUNTS_PER_FRAME = 3  # the sensor counts at 27 Hz and every third frame is sen
 _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 
 
-LEPTON = DeviceSettings("camera", "purethermal", "simulated")
 _ARRAY_NOISE_K = 0.1
 """Noise of a pixel of the MLX90640 at one frame a second, by its datasheet."""
 
 
 def frame_shape(settings: DeviceSettings) -> tuple[int, int]:
-    """Rows and columns of a simulated camera's frames, by its options `height` and `width` if it has them."""
-    width, height = size_of(settings)
-    return (height, width) if width and height else FRAME_SHAPE
+    """Rows and columns of a simulated camera's frames."""
+    cols, rows = sizes_of(settings)[0] if settings.driver == "y16" else FRAME_SHAPE[::-1]
+    return rows, cols
 
 
 class SimulatedLepton:
@@ -232,12 +231,10 @@ class SimulatedLepton:
 
     backend = "simulated"
     port = "simulated"
+    settings = DeviceSettings("camera", "purethermal", "simulated")
 
-    def __init__(
-        self, scene: Scene, clock: SimulatedClock, offset_k: float = 0.0, settings: DeviceSettings = LEPTON
-    ) -> None:
+    def __init__(self, scene: Scene, clock: SimulatedClock, offset_k: float = 0.0) -> None:
         self._scene, self._clock, self._offset_k = scene, clock, np.float32(offset_k)
-        self._settings = settings
         self._on_ns = clock.mono_ns() - _WARM_NS
         self._next: int | None = None  # None: not streaming
         self._board = Board()
@@ -319,14 +316,12 @@ class SimulatedLepton:
         drawn_number = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(drawn_number)
         kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), drawn_number, self._correction(seen_ns))
-        return self._encode(kelvin + self._offset_k, drawn_number) + self._telemetry(number)
+        telemetry = self._board.telemetry(self._vitals(self._seen_ns(number), number))
+        return self._encode(kelvin + self._offset_k, drawn_number, telemetry)
 
-    def _encode(self, kelvin: SingleArray, number: int) -> bytes:
-        """The pixels of frame `number`."""
-        return _words(kelvin * np.float32(self._board.counts_per_kelvin))
-
-    def _telemetry(self, number: int) -> bytes:
-        return self._board.telemetry(self._vitals(self._seen_ns(number), number))
+    def _encode(self, kelvin: SingleArray, number: int, telemetry: bytes) -> bytes:
+        """The bytes of the frame drawn as `number`."""
+        return _words(kelvin * np.float32(self._board.counts_per_kelvin)) + telemetry
 
     def _correction(self, mono_ns: int) -> Correction:
         last = self._shutter.at(mono_ns)
@@ -371,24 +366,14 @@ class SimulatedLepton:
 class SimulatedY16(SimulatedLepton):
     """A camera of the size and scale that the driver's options state, with the noise of a cheap one."""
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Columns and rows."""
-        rows, cols = frame_shape(self._settings)
-        return cols, rows
-
-    def _encode(self, kelvin: SingleArray, number: int) -> bytes:
+    def _encode(self, kelvin: SingleArray, number: int, telemetry: bytes) -> bytes:
         import cv2
 
-        sized = cv2.resize(kelvin, self.size, interpolation=cv2.INTER_AREA)
-        random = np.random.default_rng([self._scene.seed, number, 8])
-        noise_k = _ARRAY_NOISE_K * random.standard_normal(sized.shape)
-        offset_k = options.number(self._settings, "kelvin_offset", 0.0)
-        scale = options.number(self._settings, "kelvin_per_count", 0.01)
-        return _words((sized + noise_k - offset_k) / scale)
-
-    def _telemetry(self, number: int) -> bytes:
-        return b""
+        shape, random = frame_shape(self.settings), np.random.default_rng([self._scene.seed, number, 8])
+        sized = cv2.resize(kelvin, shape[::-1], interpolation=cv2.INTER_AREA)
+        kelvin = sized + np.float32(_ARRAY_NOISE_K) * random.standard_normal(shape, np.float32)
+        offset_k = options.number(self.settings, "kelvin_offset", 0.0)
+        return _words((kelvin - offset_k) / options.number(self.settings, "kelvin_per_count", 0.01))
 
 
 def _words(counts: FloatArray | SingleArray) -> bytes:

@@ -52,8 +52,8 @@ def pixel_noise_k(frames: FloatArray) -> float:
     if len(frames) < 2:
         return math.nan
     changes = np.diff(frames, axis=0)
-    changes -= np.median(changes, axis=(1, 2), keepdims=True)
-    return float(np.sqrt(np.median(np.mean(changes**2, axis=0)) / 2.0))
+    changes -= np.nanmedian(changes, axis=(1, 2), keepdims=True)
+    return float(np.sqrt(np.nanmedian(np.mean(changes**2, axis=0)) / 2.0))
 
 
 def rim_px(cols: int) -> int:

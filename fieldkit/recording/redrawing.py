@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from fieldkit.config import Config
 from fieldkit.config.config import RECORDINGS
@@ -61,7 +61,8 @@ class Redrawing:
         counts as made once the caller asks for what follows.
         """
         if refusals := self._refusals(requested):
-            yield self._answer(f"regions not changed: {'; '.join(refusals)}", request, mono_ns, time_ns)
+            text = f"regions not changed: {'; '.join(refusals)}"
+            yield _answer(mono_ns, time_ns, text, {"request": request}, Severity.WARNING)
             return
         since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
         changes: dict[str, list[str]] = {}
@@ -69,7 +70,8 @@ class Redrawing:
             yield record
             self._follow(record)
             changes.setdefault(what, []).append(record.region.name)
-        yield self._answer(self._words(changes, since_ns), request, mono_ns, time_ns, changes, since_ns)
+        data = {"request": request, "from_ns": since_ns, **changes} if changes else {"request": request}
+        yield _answer(mono_ns, time_ns, self._words(changes, since_ns), data)
 
     def _follow(self, record: RegionRecord) -> None:
         regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
@@ -106,21 +108,12 @@ class Redrawing:
         changes = ", ".join(f"{', '.join(names)} {what}" for what, names in done.items())
         return f"regions changed: {changes}; from {formatting.clock_time(since_ns, self.site)} on"
 
-    def _answer(
-        self,
-        text: str,
-        request: str,
-        mono_ns: int,
-        time_ns: int,
-        done: dict[str, list[str]] | None = None,
-        since_ns: int = 0,
-    ) -> Event:
-        severity = Severity.WARNING if done is None else Severity.INFO
-        data = {"request": request, "from_ns": since_ns, **done} if done else {"request": request}
-        event = Event(EventKind.REGION, mono_ns, time_ns, text, severity=severity, data=data)
-        if event_fits(event):
-            return event
-        return Event(EventKind.REGION, mono_ns, time_ns, text[:200], "", severity, {"request": request})
+
+def _answer(
+    mono_ns: int, time_ns: int, text: str, data: dict[str, Any], severity: Severity = Severity.INFO
+) -> Event:
+    event = Event(EventKind.REGION, mono_ns, time_ns, text, severity=severity, data=data)
+    return event if event_fits(event) else replace(event, text=text[:200], data={"request": data["request"]})
 
 
 def _changes(

@@ -150,20 +150,20 @@ def inspect_regions(config: Config, session: Path | None = None) -> list[RegionI
         return check_regions(config.regions, views)
     camera, views = config.tables.camera, {}
     if camera and camera.height_px and camera.width_px:
-        shape = camera.height_px, camera.width_px
-        views[""] = CameraView(shape, noise_k=minute_noise_k(config, registry.noise_k(camera.driver)))
+        views[""] = _view(config, (camera.height_px, camera.width_px), camera.driver)
     return check_regions(config.regions, views)
 
 
 def camera_views(config: Config, streams: Iterable[StreamInfo]) -> dict[str, CameraView]:
     """The view of each camera that is open by its name, with its driver's noise; of the first also by ""."""
     streams = tuple(streams)
-    cameras = {name: find_camera(streams, name) for name in ("", *(info.name for info in streams))}
-    return {
-        name: CameraView(info.shape, noise_k=minute_noise_k(config, registry.noise_k(info.driver)))
-        for name, info in cameras.items()
-        if info is not None
-    }
+    cameras = ((name, find_camera(streams, name)) for name in ("", *(info.name for info in streams)))
+    return {name: _view(config, info.shape, info.driver) for name, info in cameras if info is not None}
+
+
+def _view(config: Config, shape: tuple[int, ...], driver: str) -> CameraView:
+    """The view of a camera without frames, with its driver's noise."""
+    return CameraView(shape, noise_k=minute_noise_k(config, registry.noise_k(driver)))
 
 
 def view_of_frames(config: Config, frames: FloatArray) -> CameraView:

@@ -14,7 +14,8 @@ import numpy as np
 from fieldkit.config import Config
 from fieldkit.config.pose import Pose
 from fieldkit.config.toml_schema import SimulationTable
-from fieldkit.drivers.simulated import CAMERAS, SimulatedField, frame_shape
+from fieldkit.drivers.simulated import CAMERAS, SimulatedField
+from fieldkit.drivers.simulated.lepton import frame_shape
 from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind

@@ -19,7 +19,7 @@ from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
-from fieldkit.recording.opening import Instruments, open_instruments
+from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import usable_frame
 from fieldkit.recording.record import config_of
 from fieldkit.recording.regions import add_region, first_frames_k, view_of_frames
@@ -61,13 +61,8 @@ def suggest_regions(
     """
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)
-    if recorded is not None:
-        frames = first_frames_k(Path(recorded))
-    else:
-        with open_instruments(config, allow_missing=True) as instruments:
-            frames = _next_frames_k(instruments)
-    view = view_of_frames(config, frames)
-    return suggestions_in(frames.mean(axis=0), config.regions, view.noise_k)
+    frames = _next_frames_k(config) if recorded is None else first_frames_k(Path(recorded))
+    return suggestions_in(frames.mean(axis=0), config.regions, view_of_frames(config, frames).noise_k)
 
 
 def suggestions_in(
@@ -81,9 +76,8 @@ def suggestions_in(
     """
     shape = frame.shape[0], frame.shape[1]
     present_pixels = np.any([region.mask(shape) for region in present if not region.camera], axis=0)
-    beds = [
-        bed for bed in find_beds(frame, noise_k) if not (_outline("", bed).mask(shape) & present_pixels).any()
-    ]
+    beds_in_frame = find_beds(frame, noise_k)
+    beds = [bed for bed in beds_in_frame if not (_outline("", bed).mask(shape) & present_pixels).any()]
     if not beds:
         raise NoAnswerError("every bed that was found has a region already", fix=FIX)
     wants_reference = all(region.kind is not RegionKind.REFERENCE for region in present)
@@ -111,11 +105,11 @@ def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:
     return Region(name, RegionKind.REFERENCE if is_reference else RegionKind.TARGET, bed.points_px)
 
 
-def _next_frames_k(instruments: Instruments) -> FloatArray:
+def _next_frames_k(config: Config) -> FloatArray:
     """The camera's next usable frames (n, rows, cols)."""
-    frames = [usable_frame(instruments) for _ in range(FRAMES)]
-    info = next(info for info in instruments.streams if info.name == frames[0].stream)
+    with open_instruments(config, allow_missing=True) as instruments:
+        frames = [usable_frame(instruments) for _ in range(FRAMES)]
+        info = next(info for info in instruments.streams if info.name == frames[0].stream)
     if not has_temperatures(info):
         raise NoAnswerError("the camera's temperatures are not known", fix=Action.DOCTOR() + " shows why")
-    kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in frames]
-    return np.array(kelvin, np.float64)
+    return np.array([frame_k(info, frame.counts, frame.metadata_rows) for frame in frames], np.float64)

@@ -85,8 +85,7 @@ def test_an_adapter_without_a_port_is_told_with_the_command_that_frees_it(
     folder = sysfs("1-2", vendor, product)
     interface = folder / "bus/usb/devices/1-2:1.0"
     is_class = module == "cdc_acm"
-    for name in ("bInterfaceClass", "bInterfaceSubClass"):
-        (interface / name).write_text("02\n" if is_class else "ff\n")
+    (interface / "modalias").write_text("usb:v1A86p55D4d0445dc02dsc00dp00ic02isc02ip01in00\n" * is_class)
     if taken_by == "usbfs":
         (tmp_path / "drivers/usbfs").mkdir(parents=True)
         (interface / "driver").symlink_to(tmp_path / "drivers/usbfs")
