@@ -94,14 +94,18 @@ def _listen(settings: DeviceSettings, line: Line, clock: Clock, probes: Probes) 
 
 
 def _readers(probes: Probes, data: bytes, line: Line | None) -> list[Match]:
-    """What reads most of the bytes, at least half; of these what is made for them. `line` may be unknown."""
+    """What reads most of the bytes, at least half; `line` may be unknown.
+
+    What is made for these lines may refuse a quarter more: others read a part of them as something else.
+    """
     matches = []
     for driver, probe in probes:
         other = {} if line is None or line.baud == probe.line.baud else {"baud": line.baud}
         if not other or "baud" in driver.options:
             match = _match(driver, {**probe.options, **other}, data)
             matches += [match] if match and 2 * match.refused < len(data) else []
-    return sorted(matches, key=lambda match: (match.refused, not match.options, -len(match.values)))[:1]
+    rank = {id(match): match.refused - bool(match.options) * len(data) // 4 for match in matches}
+    return sorted(matches, key=lambda match: (rank[id(match)], -len(match.values)))[:1]
 
 
 def _ask(settings: DeviceSettings, clock: Clock, probes: Probes) -> Recognition:
@@ -159,7 +163,7 @@ def _is_possible(value: Value) -> bool:
 def _shown(value: Value) -> str:
     if Quality.NO_VALUE in value.quality:
         return f"{value.channel} without a value"
-    text = f"{value.channel} {value.value:.7g} {value.unit}".rstrip()
+    text = f"{value.channel} = {value.value:.7g} {value.unit}".rstrip()
     return text if _is_possible(value) else f"{text} (impossible)"
 
 

@@ -139,7 +139,7 @@ class Genicam(CameraDriver):
 
     name = "genicam"
     title = "GenICam camera (GigE Vision, USB3 Vision)"
-    is_host = True
+    host_port = 3956  # of GigE Vision's control channel
     options: tuple[str, ...] = (
         *(option for option in camera.OPTIONS if option != "backend"),
         *("resolution", "width", "height", "kelvin_per_count", "kelvin_offset"),

@@ -134,7 +134,7 @@ class Htpa(CameraDriver):
     name = "htpa"
     title = "Heimann HTPA32x32d"
     noise_k = 0.2
-    is_host = True
+    host_port = PORT
     options: tuple[str, ...] = camera.OPTIONS
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

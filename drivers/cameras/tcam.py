@@ -100,7 +100,7 @@ class TCam(CameraDriver, RecordDriver):
 
     name = "tcam"
     title = "tCam with FLIR Lepton"
-    is_host = True
+    host_port = PORT
     options: tuple[str, ...] = camera.OPTIONS
     layout = LAYOUT
 

@@ -94,7 +94,7 @@ class Gpsd(RecordDriver):
 
     name = "gpsd"
     title = "gpsd (position, time, clock error)"
-    is_host = True
+    host_port = PORT
     quantity = "position"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT

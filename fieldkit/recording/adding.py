@@ -142,13 +142,14 @@ def at_address(address: str) -> ConnectedDevice:
     """
     drivers = registry.load_all()[0]
     serial = tuple(driver.name for driver in drivers if isinstance(driver, SerialDriver))
-    if is_address(address) or address.startswith("/"):
-        return ConnectedDevice("", address, "serial port", serial)
     for driver in drivers:
-        if getattr(driver, "is_host", False):
+        port = getattr(driver, "host_port", 0)
+        if port and (address.endswith(f":{port}") or not (is_address(address) or address.startswith("/"))):
             settings = DeviceSettings(driver.name, driver.name, address)
             with suppress(ConfigError, DeviceError), closing(open_in_time(settings, HostClock())):
                 return ConnectedDevice("", address, driver.title, (driver.name,))
+    if is_address(address) or address.startswith("/"):
+        return ConnectedDevice("", address, "serial port", serial)
     settings = DeviceSettings(address, "", f"{address}:{TCP_PORT}")
     with suppress(DeviceError), closing(connect(settings, Line(), HostClock())):
         return ConnectedDevice("", settings.port, "Modbus TCP", serial)
@@ -232,7 +233,8 @@ def _write(
 ) -> AddedDevice:
     """Write an instrument that is open no more; raises `ConfigError` if it cannot be configured so."""
     driver = settings.driver
-    path = _path(info, driver, {device.name for device in config.devices})
+    kind = str(settings.options.get("sensor", driver))
+    path = _path(info, kind, {device.name for device in config.devices})
     rows, cols = info.shape if path == ("camera",) else (0, 0)
     table = {
         "driver": driver, "identity": settings.identity, "port": settings.port,
@@ -247,10 +249,10 @@ def _write(
     return AddedDevice(path[-1], driver, *place, settings.options, received)
 
 
-def _path(info: StreamInfo, driver: str, taken: set[str]) -> tuple[str, ...]:
+def _path(info: StreamInfo, kind: str, taken: set[str]) -> tuple[str, ...]:
     """The table of an instrument: ``[camera]``, ``[lux]``, ``[thermometer]`` while free, else its own."""
     name = "camera" if info.is_camera else _NAMES.get(info.quantity, "")
     if name and name not in taken:
         return (name,)
-    numbered = (driver, *(f"{driver}-{number}" for number in range(2, len(taken) + 3)))
+    numbered = (kind, *(f"{kind}-{number}" for number in range(2, len(taken) + 3)))
     return ("device", next(name for name in numbered if name not in taken))

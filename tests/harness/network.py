@@ -16,12 +16,15 @@ EVERY_S = 0.02
 class NetworkAdapter:
     """Listens on the loopback; `port` is its address in the configuration.
 
-    Its instrument sends `talk` again and again, or replies from `replies`. While it is unplugged its
-    connections are closed and nothing listens.
+    Its instrument sends `talk`, or what it gives, again and again, or replies from `replies`. While it is
+    unplugged its connections are closed and nothing listens.
     """
 
     def __init__(
-        self, scheme: str = "", talk: bytes = b"", replies: Mapping[bytes, bytes] | None = None
+        self,
+        scheme: str = "",
+        talk: bytes | Callable[[], bytes] = b"",
+        replies: Mapping[bytes, bytes] | None = None,
     ) -> None:
         self._scheme, self._talk, self._replies = scheme, talk, replies or {}
         self._address = ("127.0.0.1", 0)
@@ -64,7 +67,8 @@ class NetworkAdapter:
                 incoming, outgoing = _rfc2217(connection)
             while self._plugged:
                 if self._talk:
-                    connection.sendall(outgoing(self._talk))
+                    talk = self._talk() if callable(self._talk) else self._talk
+                    connection.sendall(outgoing(talk))
                 try:
                     chunk = connection.recv(1024)
                 except TimeoutError:

@@ -34,14 +34,14 @@ TALKING = {  # baud, what comes once, what comes every half second, proposal, a 
     "gps": (9600, b"0,E,2*6B\r\n", b"$GPZDA,021530.00,21,11,2026,00,00*66\r\n", "nmea", "utc"),
     "old gps": (4800, b"", b"$GPZDA,021530.00,21,11,2026,00,00*66\r\n", "nmea,baud=4800", "utc"),
     "mlx90640": (115_200, b"\x5a\x5a", MLX, "mlx90640", "296.65 K"),
-    "bh1750": (9600, b"54.17 lx\r\n", BH1750, "text,sensor=bh1750", "lux 54.17 lx"),
-    "bh1750 of another speed": (57_600, b"", BH1750, "text,sensor=bh1750,baud=57600", "lux 54.17 lx"),
+    "bh1750": (9600, b"54.17 lx\r\n", BH1750, "text,sensor=bh1750", "lux = 54.17 lx"),
+    "bh1750 of another speed": (57_600, b"", BH1750, "text,sensor=bh1750,baud=57600", "lux = 54.17 lx"),
     "max31856": (
         115_200,
         b"MAX31856 thermocouple test\r\nThermocouple type: K Type\r\n",
         b"Cold Junction Temp: 23.44\r\nThermocouple Temp: 24.12\r\n",
         "text,sensor=max31856",
-        "T1 24.12 °C",
+        "T1 = 24.12 °C",
     ),
     "two probes": (
         9600,
@@ -50,9 +50,9 @@ TALKING = {  # baud, what comes once, what comes every half second, proposal, a 
         b"Device Address: 281D3931020000F1 Error: Could not read temperature data\r\n"
         b"Requesting temperatures...DONE\r\n",
         "text,sensor=ds18b20-multiple",
-        "281D3931020000F0 21.5 °C",
+        "281D3931020000F0 = 21.5 °C",
     ),
-    "a board's own lines": (115_200, ESP32, b"T1=21.5 C, T2=22.5 C\r\n", "text", "T1 21.5 °C"),
+    "a board's own lines": (115_200, ESP32, b"T1=21.5 C, T2=22.5 C\r\n", "text", "T1 = 21.5 °C"),
     "an object out of range": (
         9600,
         b"",

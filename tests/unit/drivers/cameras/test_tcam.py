@@ -9,13 +9,16 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+import zeroconf
 
-from fieldkit.drivers.cameras.tcam import LAYOUT, TCam, decode, parse
+import fieldkit
+from fieldkit.drivers.cameras.tcam import LAYOUT, PORT, SERVICE, TCam, decode, parse
 from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Quality
+from fieldkit.recording.adding import add_devices
 from tests.harness.conformance import conforms
 from tests.harness.next_steps import at
 
@@ -98,8 +101,8 @@ def test_bytes_without_an_end_are_dropped_at_once():
 class FarEnd:
     """A tCam on loopback: answers commands, and sends `stream`, piece by piece, once told to."""
 
-    def __init__(self, stream):
-        self.server = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, stream, address=("127.0.0.1", 0)):
+        self.server = socket.create_server(address)
         self.port = f"127.0.0.1:{self.server.getsockname()[1]}"
         self.stream, self.commands = stream, []
         self.thread = threading.Thread(target=self.serve, daemon=True)
@@ -138,8 +141,8 @@ class FarEnd:
 def far_end():
     ends = []
 
-    def start(stream):
-        ends.append(FarEnd(stream))
+    def start(stream, **more):
+        ends.append(FarEnd(stream, **more))
         return ends[-1]
 
     yield start
@@ -186,3 +189,25 @@ def test_an_address_is_needed_and_named_when_nothing_answers():
     with pytest.raises(DeviceNotFoundError, check=at(port)) as caught:
         TCam().open(DeviceSettings("ir", "tcam", port=port), HostClock())
     assert "tCam-Mini" in caught.value.fix
+
+
+def test_a_camera_that_announces_itself_is_found():
+    """Service and name as in the maker's description, "mDNS Discovery"."""
+    name = f"tCam-Mini-87E9.{SERVICE}"
+    address = {"port": 5001, "addresses": [socket.inet_aton("127.0.0.1")], "server": "tcam.local."}
+    with zeroconf.Zeroconf() as network:
+        network.register_service(zeroconf.ServiceInfo(SERVICE, name, **address))
+        (camera,) = TCam().find()
+    assert (camera.driver, camera.port) == ("tcam", "127.0.0.1")
+    assert "tCam-Mini-87E9" in camera.title
+
+
+def test_a_camera_is_added_by_its_host_and_a_host_without_one_is_refused(far_end, tmp_path):
+    far_end(IMAGES, address=("127.0.0.9", PORT))
+    file = fieldkit.init_campaign(tmp_path / "hill", (37.7, -105.92, 2317.0)).config.path
+    additions = add_devices(file, addresses=["127.0.0.9", "127.0.0.10", "127.0.0.9"])
+    assert [(added.name, added.driver, added.port) for added in additions.added] == [
+        ("camera", "tcam", "127.0.0.9:5001")
+    ]
+    assert additions.configured == {"127.0.0.9": "camera"}
+    assert [failure.place for failure in additions.failures] == ["127.0.0.10"]
