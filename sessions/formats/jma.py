@@ -348,7 +348,9 @@ def _text(path: Path) -> str:
     """The text of such a file, also of one that was saved again as UTF-8; raises `ConfigError`."""
     try:
         with path.open("rb") as file:
-            content = file.read(_MOST_BYTES)
+            content = file.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
         with suppress(UnicodeDecodeError):  # Japanese in Shift_JIS is not valid UTF-8, so this comes first
             return content.decode("utf-8-sig")
         return content.decode("cp932")

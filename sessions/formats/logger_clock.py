@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -17,7 +17,7 @@ from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Severity
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 
 Keep = Literal["first", "last"]
 Notes = list[tuple[Severity, str]]
@@ -52,7 +52,10 @@ def in_clock_order(
     """
     near, far = _near(rows)
     ordered = _oldest_first(near)
-    least_ns = 0 if _usual_ns(ordered) <= _FINE_NS else 1
+    steps = [later.time_ns - earlier.time_ns for earlier, later in pairwise(ordered)]
+    is_of_minutes = 3 * steps.count(0) >= len(steps) > 0 and not any(step % MINUTE_NS for step in steps)
+    ordered, about_minutes = _spread(path, ordered) if is_of_minutes and keep is None else (ordered, [])
+    least_ns = 0 if _usual_ns(ordered) <= _FINE_NS and not is_of_minutes else 1
     whole = _without_copies(ordered, least_ns)
     rising = _once(whole, least_ns, keep)
     if keep is None and len(rising) < len(whole):
@@ -62,11 +65,36 @@ def in_clock_order(
         *_note(Severity.WARNING, far, "more than a year from the others"),
         *_note(Severity.INFO, copies, "copies of earlier ones"),
         *_note(Severity.WARNING, twice, f"as their times come twice ({keep} kept)"),
+        *about_minutes,
         *_longest_gap(rising),
     ]
     if keep and not twice:
         notes.append((Severity.INFO, f"nothing to keep {keep}: no time comes twice"))
     return rising, notes
+
+
+def _spread(path: Path, rows: Sequence[TimedRow]) -> tuple[list[TimedRow], Notes]:
+    """Rows in whole minutes, as spreadsheets save them, evenly over these; raises `ConfigError` if uneven."""
+    minutes = [list(group) for _, group in groupby(rows, key=lambda row: row.time_ns)]
+    steps = [later[0].time_ns - earlier[0].time_ns for earlier, later in pairwise(minutes)]
+    most, least = max(map(len, minutes)), min(map(len, minutes[1:-1]), default=0)
+    if most != least or min(steps) <= 0:
+        raise ConfigError(
+            f"its times are whole minutes, with {least} to {most} rows each, as a spreadsheet saves them",
+            place=path,
+            fix="export it from the logger again, or use one row a minute: " + Argument("keep", "first"),
+        )
+    step_ns = min(steps)
+    spread = [
+        row._replace(
+            time_ns=row.time_ns
+            + (number + (most - len(group) if group is minutes[0] else 0)) * step_ns // most
+        )
+        for group in minutes
+        for number, row in enumerate(group)
+    ]
+    text = f"times are whole minutes, {most} rows each: spread evenly, {step_ns / most / SECOND_NS:g} s apart"
+    return spread, [(Severity.WARNING, text)]
 
 
 def _near(rows: Sequence[TimedRow]) -> tuple[list[TimedRow], list[TimedRow]]:

@@ -144,6 +144,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         (Severity.INFO, f"{path.name}: {len(rows)} rows, times {zone}{applied}"),
         *([(Severity.INFO, table.about)] if table.about else []),
         *((Severity.INFO, note) for note in table.notes),
+        *((Severity.WARNING, loss) for loss in table.losses),
         *about_times,
         *about_columns,
         *_on_end(table),

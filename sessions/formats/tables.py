@@ -43,6 +43,8 @@ from fieldkit.sessions.formats.zones import Statement, is_label, statements
 _MAX_BYTES = 100_000_000
 _DELIMITERS = ";\t,"
 
+_ZEROS = re.compile("[^\\n]*\0{4,}[^\\n]*")
+_ERASED = re.compile(rb"[^\n]*\xff{8,}\Z")
 DEFAULT_ENCODING = "utf-8-sig"
 _MARKS = {codecs.BOM_UTF8: DEFAULT_ENCODING, codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _NAME_ENCODING = Argument("encoding", "cp1252") + " (Western Windows), cp932 (Japanese), utf-16 or utf-16-le"
@@ -67,7 +69,8 @@ THING = re.compile(
 """Labels of columns that tell the thing of a row; a place by its name, not by a number."""
 _TIME_COLUMN = re.compile(r"time|date|zeit|datum|stamp|heure|fecha|hora|data|日|時|时", re.IGNORECASE)
 _CAMPBELL = ("TOA5", "TOACI1")
-_HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
+_ONSET_TIME = re.compile(r"[^,]+, ?(GMT|UTC) ?[+\-−]\d\d:?\d\d")
+_ONSET = re.compile(r"(?P<name>[^,(]+?)(?:, ?(?P<unit>[^,(]+?))?(?: ?\((?P<more>[^():]+: ?[^()]*)\))?")
 
 _BELOW_TIME = re.compile(r"TS|(?:UTC|GMT|[ymdhsf]|[\W\d_])*", re.IGNORECASE)  # such as yyyy-mm-dd hh:mm:ss
 
@@ -121,6 +124,7 @@ class Table:
     things: Mapping[int, str] = field(default_factory=dict)
     about: str = ""
     notes: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
 
     @property
     def free(self) -> list[int]:
@@ -154,7 +158,7 @@ def read_table(
     `time_names` are the columns of the time, where it is not the first that looks like one. Raises
     `ConfigError`.
     """
-    text, notes = read_contents(path, sheet) if is_container(path) else Contents(_text(path, encoding))
+    text, notes = read_contents(path, sheet) if is_container(path) else _text(path, encoding)
     try:
         delimiter = _delimiter(text)
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
@@ -174,7 +178,7 @@ def read_table(
     body = rows[first:]
     for row in body:
         refuse_swallowed(path, row.number, row.cells, len(names), delimiter)
-    _refuse_another_header(path, names, below, body, date)
+    body, losses = _whole(body, names, below, date, text)
     named_at = tuple(place_of(path, columns, name) for name in time_names)
     labels = [column.label for column in columns]
     time_at = named_at or (time_places(path, labels, cells[first:], date) if kind == "moment" else (date,))
@@ -183,7 +187,19 @@ def read_table(
     columns = _with_unit_columns(columns, body, time_at)
     has_end, dates = text.endswith(("\n", "\r")), _dates(rows[:first])
     has_commas, has_format = delimiter != ",", time_format is not None
-    return Table(columns, body, time_at, has_commas, stated, has_end, kind, has_format, dates, notes=notes)
+    return Table(
+        columns,
+        body,
+        time_at,
+        has_commas,
+        stated,
+        has_end,
+        kind,
+        has_format,
+        dates,
+        notes=notes,
+        losses=losses,
+    )
 
 
 def named(path: Path, column: Column) -> str:
@@ -204,13 +220,15 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
 # --- from bytes to rows
 
 
-def _text(path: Path, encoding: str) -> str:
+def _text(path: Path, encoding: str) -> Contents:
+    """The text of a file without lines that a power cut has left as zeros, or an erased flash as ones."""
     try:
         data = unpacked(path, _MAX_BYTES)
         if len(data) > _MAX_BYTES:
             raise ConfigError(f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split it")
         stated = _stated_encoding(path, data[:3], encoding)
-        text = io.TextIOWrapper(io.BytesIO(data), stated).read()
+        # a character that was cut off at the end is none
+        text = codecs.getincrementaldecoder(stated)().decode(_ERASED.sub(b"", data))
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
@@ -223,9 +241,11 @@ def _text(path: Path, encoding: str) -> str:
         ) from error
     except (OSError, EOFError, zlib.error, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
+    text, count = _ZEROS.subn("", text)
     if "\0" in text:
         raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)
-    return text.removeprefix("\ufeff")
+    lines = "1 line of zeros, as a power cut leaves" if count == 1 else f"{count} lines with zeros"
+    return Contents(text.removeprefix("\ufeff"), (f"{lines}, left out",) if count else ())
 
 
 def _stated_encoding(path: Path, start: bytes, given: str) -> str:
@@ -298,21 +318,47 @@ def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> b
     return is_table and bool(is_below_time or _BELOW_TIME.fullmatch(cell_of(cells, place)))
 
 
-def _refuse_another_header(
-    path: Path, names: list[str], below: list[list[str]], rows: Sequence[Row], place: int
-) -> None:
-    """Refuse a second table of other columns or units; the same header again is only rows without a time."""
-    for at, (number, cells) in enumerate(rows):
-        if cell_of(cells, place) != names[place]:
-            continue
-        after = [row.cells for row in rows[at + 1 : at + 1 + len(below)]]
-        units = list(takewhile(lambda cells: not re.search(r"\d", cell_of(cells, place)), after))
-        if cells != names or (units and units != below):
-            raise ConfigError(
-                "is a header with other columns",
-                place=f"{path}, row {number}",
-                fix=f"import the rows before and after row {number} on their own",
-            )
+def _whole(
+    rows: list[Row], names: list[str], below: list[list[str]], place: int, text: str
+) -> tuple[list[Row], tuple[str, ...]]:
+    """The rows of the first table, without a last one that was cut off; what is left out, in words."""
+    other = next(
+        (at for at in range(1, len(rows)) if _is_another_header(rows, at, names, below, place)), None
+    )
+    if other is not None:
+        left_out = (
+            f"rows {rows[other].number} to {rows[-1].number} are another table: import them on their own"
+        )
+        return rows[:other], (left_out,)
+    if not text.endswith(("\n", "\r")) and len(rows) > 2 and _is_cut([row.cells for row in rows]):
+        return rows[:-1], (f"row {rows[-1].number} is cut off, and left out",)
+    return rows, ()
+
+
+def _is_another_header(
+    rows: Sequence[Row], at: int, names: list[str], below: list[list[str]], place: int
+) -> bool:
+    """True if a row names other columns, or others are its units; the same header again is only no time."""
+    cells = rows[at].cells
+    if re.search(r"\d\W\d", cell_of(cells, place)) or not any(map(_TIME_COLUMN.search, cells)):
+        return False
+    if cell_of(cells, place) != cell_of(names, place) and not any(split_head(cell)[1] for cell in cells):
+        return False
+    after = [row.cells for row in rows[at + 1 : at + 1 + len(below)]]
+    units = list(takewhile(lambda cells: not re.search(r"\d", cell_of(cells, place)), after))
+    return cells != names or bool(units and units != below)
+
+
+def _is_cut(rows: Sequence[Sequence[str]]) -> bool:
+    """True if the last row has fewer cells than the others, or fewer decimals in the last."""
+    *others, last = rows[-SAMPLE:]
+    decimals = {
+        len(re.split("[.,]", cell)[-1])
+        for row in others
+        if re.search("[.,]", cell := cell_of(row, len(last) - 1))
+    }
+    own = len((re.split("[.,]", last[-1])[1:] or [""])[0])
+    return len(last) < min(map(len, others)) or (len(decimals) == 1 and own < decimals.pop())
 
 
 def _dates(above: Sequence[Row]) -> dict[str, str]:
@@ -462,10 +508,10 @@ def _column(name: str, unit: str, process: str, *, is_campbell: bool) -> Column:
 
 
 def _of_onset(names: list[str]) -> list[str]:
-    """HOBOware's headers as ``name [unit]``: a sensor's label, or what it measures and its number."""
-    if not any(name.startswith("Date") and "GMT" in f"{names}" for name in names):
-        return names
+    """HOBOware's headers, in any language, as ``name [unit]``: a sensor's label, or quantity and number."""
     parts = [_parts(name) for name in names]
+    if not any(_ONSET_TIME.fullmatch(name) for name in names) and not any(serial for _, _, serial in parts):
+        return names
     count = Counter(name for name, _, _ in parts)
     return [
         (f"{name} {serial}" if count[name] > 1 and serial else name) + (f" [{unit}]" if unit else "")
@@ -475,9 +521,10 @@ def _of_onset(names: list[str]) -> list[str]:
 
 def _parts(cell: str) -> tuple[str, str, str]:
     """Name, unit and serial number of the sensor, as far as the cell of a header has them."""
-    match = _HOBO.fullmatch(cell)
-    if match is None or any(one.zones for one in statements([cell], [])):
+    match = _ONSET.fullmatch(cell)
+    if match is None or _ONSET_TIME.fullmatch(cell):
         return cell, "", ""
-    more = match["more"] or ""
-    label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)
-    return (label[1].strip() if label else match["name"], match["unit"] or "", serial[1] if serial else "")
+    values = re.findall(r": ?([^,]+)", match["more"] or "")  # serial numbers of logger and sensor, the label
+    serials = [value for value in values if re.fullmatch(r"\d[\w-]*", value)]
+    label = next((value.strip() for value in values[1:] if value not in serials), match["name"])
+    return label, match["unit"] or "", serials[-1] if serials else ""

@@ -136,15 +136,129 @@ def test_a_file_that_ends_within_a_line_is_named(tmp_path):
     assert "row 3 " in logs.notes(imported)
 
 
-def test_a_second_header_is_refused_where_its_columns_or_units_are_others(tmp_path):
+def test_a_second_header_ends_the_table_where_its_columns_or_units_are_others(tmp_path):
     rows = ["".join(f"2026-06-11 12:{m:02}:00,20.5,9\n" for m in part) for part in (range(3), range(3, 6))]
     plain, of_units = "time,T1 [C],T2 [C]\n", "time,T1,n\n,[C],\n"
     for head, again in ((plain, plain), (of_units, of_units), (of_units, of_units.replace(",[C],\n", ""))):
         assert len(readings(tmp_path, f"{head}{rows[0]}{again}{rows[1]}")) == 6
-    with pytest.raises(ConfigError, check=at(f"{tmp_path / 'log.csv'}, row 5")):
-        readings(tmp_path, f"{plain}{rows[0]}time,T2 [C],T1 [C]\n{rows[1]}")
-    with pytest.raises(ConfigError, check=at(f"{tmp_path / 'log.csv'}, row 6")):
-        readings(tmp_path, f"{of_units}{rows[0]}{of_units.replace('C', 'F')}{rows[1]}")
+    for head, other, line in (
+        (plain, "time,T2 [C],T1 [C]\n", 5),
+        (plain, "Logger 2,of another maker\nn,date,T1 [F]\n", 6),
+        (of_units, of_units.replace("C", "F"), 6),
+    ):
+        imported = logs.read(tmp_path, f"{head}{rows[0]}{other}{rows[1]}")
+        assert len(logs.readings(imported, imported.streams[0].name)) == 3
+        assert f"rows {line} to " in logs.notes(imported)
+
+
+DAMAGE = [
+    # what follows two whole rows, and what the notes name
+    ("\0" * 512, "zeros"),
+    ("2026-06-11 12:02:00,2" + "\0" * 512, "zeros"),
+    ("2026-06-11 12:02:00,2" + "\0" * 64 + "2026-06-11 12:0" + "\0" * 64 + "\n", "zeros"),
+    ("2026-06-11 12:02:00", "row 4 is cut off"),
+    ("2026-06-11 12:02:00,2", "row 4 is cut off"),
+    ("2026-06-11 12:0", "row 4 is cut off"),
+    ("time,T [°C]\n", "row 4"),
+]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize(("tail", "named"), DAMAGE)
+def test_the_whole_part_of_a_damaged_table_is_read_and_the_rest_named(tmp_path, encoding, tail, named):
+    data = f"time,T [°C]\n{ROWS}{tail}".encode(encoding)
+    assert readings(tmp_path, data) == TWO_ROWS
+    assert named in logs.notes(logs.read(tmp_path, data))
+
+
+@pytest.mark.parametrize(
+    "data", [b"\xff" * 64, "2026-06-11 12:02:00,2".encode("utf-16-le")[1:], "°".encode()[:1]]
+)
+def test_an_erased_or_cut_end_is_no_reason_to_refuse_a_table(tmp_path, data):
+    assert readings(tmp_path, f"time,T [°C]\n{ROWS}".encode() + data.replace(b"\0", b""))[:2] == TWO_ROWS
+
+
+ONSET = """"{title}: sand"
+"#","{time}, GMT-05:00","{t}, °C ({a}: 1, {b}: 10000002, {label}: bed)","{light}, Lux ({a}: 1, {b}: 10000003)"
+1,2026-06-11 07:00:00,20.5,50000
+2,2026-06-11 07:01:00,21.5,50001
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {
+            "title": "Plot Title",
+            "time": "Date Time",
+            "t": "Temp",
+            "a": "LGR S/N",
+            "b": "SEN S/N",
+            "label": "LBL",
+            "light": "Intensity",
+        },
+        {
+            "title": "Título",
+            "time": "Fecha Tiempo",
+            "t": "Temp",
+            "a": "LGR S/N",
+            "b": "SEN S/N",
+            "label": "ETI",
+            "light": "Intensidad",
+        },
+        {
+            "title": "Titre",
+            "time": "Date Heure",
+            "t": "Temp.",
+            "a": "N° série enr.",
+            "b": "N° série cap.",
+            "label": "ÉTQ",
+            "light": "Intensité",
+        },
+        {
+            "title": "プロット",
+            "time": "日付 時間",
+            "t": "温度",
+            "a": "ロガー",
+            "b": "センサー",
+            "label": "ラベル",
+            "light": "照度",
+        },
+    ],
+)
+def test_hoboware_is_read_by_its_structure_in_any_language(tmp_path, words):
+    imported = logs.read(tmp_path, ONSET.format(**words), zone=None)
+    assert readings(tmp_path, ONSET.format(**words), zone=None) == TWO_ROWS
+    assert [(info.unit, info.channels) for info in imported.streams] == [
+        ("K", ("bed",)),
+        ("lx", (words["light"],)),
+    ]
+
+
+@pytest.mark.parametrize(
+    "head", ["Date\tTime\tTemperature\n\t\t(*C)\n", "Fecha\tHora\tTemperatura\n\t\t(*C)\n"]
+)
+def test_boxcar_has_its_units_in_a_second_line(tmp_path, head):
+    assert readings(tmp_path, head + ROWS.replace(",", "\t").replace(" 12", "\t12")) == TWO_ROWS
+
+
+def minute_rows(counts: list[int]) -> str:
+    times = [f"2026-06-11 12:0{minute}" for minute, count in enumerate(counts) for _ in range(count)]
+    return "time,light [lx]\n" + "".join(f"{time},{row}\n" for row, time in enumerate(times))
+
+
+@pytest.mark.parametrize(("counts", "first"), [([6, 6, 6, 6], 0), ([2, 6, 6, 3], 40), ([1, 2, 2, 1], 30)])
+def test_times_in_whole_minutes_are_spread_evenly_and_named(tmp_path, counts, first):
+    step = 60 // max(counts)
+    timed = readings(tmp_path, minute_rows(counts))
+    assert timed == [(first + step * row, row) for row in range(sum(counts))]
+    assert f"{max(counts)} rows" in logs.notes(logs.read(tmp_path, minute_rows(counts)))
+
+
+def test_uneven_rows_in_whole_minutes_are_asked(tmp_path):
+    with pytest.raises(ConfigError, check=at(tmp_path / "log.csv", Argument("keep", "first"))):
+        readings(tmp_path, minute_rows([6, 6, 5, 6, 6]))
+    assert len(readings(tmp_path, minute_rows([6, 6, 5, 6, 6]), keep="first")) == 5
 
 
 @pytest.mark.parametrize("closed", ["", '"'])
