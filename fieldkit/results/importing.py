@@ -26,6 +26,7 @@ from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
 from fieldkit.sessions.formats import stills
+from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.imported import (
     ImportedRecording,
@@ -493,6 +494,13 @@ def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
     return read(source, options.name or "station")
 
 
+def _bag(source: Path, options: ImportOptions) -> ImportedRecording:
+    per_count, zero = options.kelvin_per_count, options.kelvin_at_zero
+    scale = None if per_count is None else stills.Scale(per_count, zero)
+    topics = BagOptions(options.name or "", options.columns, options.unit, scale, _offset_ns(options))
+    return read_bag(source, topics)
+
+
 def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
     return read_purethermal(source, options.name or "camera", offset_ns=_offset_ns(options))
 
@@ -540,9 +548,11 @@ _TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
 _FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
 _READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
 _TABLE = frozenset({*_READINGS, "time_format", "time_columns", "start", "date", "encoding"})
+_BAG = frozenset({"kelvin_per_count", "kelvin_at_zero", "unit", "columns", "offset_s"})
 _FORMATS = (
     _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
+    _Format("a recording of ROS", is_bag, _bag, _BAG, "UTC"),
     _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES, "UTC"),
     _Format("a station's file", is_station_file, _station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),

@@ -112,7 +112,7 @@ class _Still:
             raise ConfigError("cannot be read as a frame", place=self.label, fix=_EXPORT_AGAIN)
         if self.unit is None:
             return pixels.astype(np.uint16, copy=False)
-        counts = _counts_of(pixels, (page and page.scale) or (1.0, 0.0), self.unit)
+        counts = counts_of(pixels, (page and page.scale) or (1.0, 0.0), self.unit)
         counts[pixels == (page.no_data if page else math.nan)] = NO_VALUE
         return counts
 
@@ -132,7 +132,7 @@ def image_files(source: Path) -> list[Path]:
     return first or frames or [path for path in paths if is_frame_table(path)]
 
 
-def _counts_of(numbers: AnyArray, scale: tuple[float, float], unit: Unit) -> CountArray:
+def counts_of(numbers: AnyArray, scale: tuple[float, float], unit: Unit) -> CountArray:
     """Temperatures as counts of 0.01 K; what is none becomes `NO_VALUE`, or the end of the range."""
     with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs
         values = numbers.astype(np.float64) * scale[0] + scale[1]
@@ -168,7 +168,7 @@ def read_stills(
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
     elif kind == "CSV":
-        stills, notes = _table_stills(paths, _temperature_unit(unit), scale), []
+        stills, notes = _table_stills(paths, temperature_unit(unit), scale), []
     else:
         stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
@@ -218,7 +218,7 @@ def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
     return [_Still(path, str(path), None) for path in paths], []
 
 
-def _temperature_unit(written: str) -> Unit | None:
+def temperature_unit(written: str) -> Unit | None:
     """The unit of floating-point frames, None if none is given; raises `ConfigError` for another quantity."""
     meaning = meaning_of(written)
     if written and (meaning is None or meaning.quantity.units != TEMPERATURE):
@@ -287,7 +287,7 @@ def _meaning(page: Page, label: str, unit: str) -> tuple[Scale | None, Unit | No
         if unit:
             raise _no_unit(label)
         return Scale(page.tags.scale, page.tags.offset) if page.tags else None, None
-    option = _temperature_unit(unit)
+    option = temperature_unit(unit)
     if own and option and own != option:
         problem = f"states the unit {own.shown}, not {option.shown}"
         raise ConfigError(problem, place=label, fix="omit " + Argument("unit"))
