@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
-from itertools import chain, pairwise
+from itertools import chain, compress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,7 +42,6 @@ from fieldkit.sessions.formats.tables import (
     BY_COMMAS,
     DEFAULT_ENCODING,
     SAMPLED,
-    Column,
     Table,
     named,
     number_of,
@@ -56,7 +55,6 @@ from fieldkit.sessions.formats.time_columns import cell_of, counted_ns
 from fieldkit.sessions.formats.times import (
     GIVE_ZONE,
     Times,
-    is_unix,
     plausible_ns,
     read_times,
     times_from_start,
@@ -125,19 +123,17 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         sheet=options.sheet,
     )
     table = by_thing(path, table)
+    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
     try:
         channels, about_columns = _channels(path, table, options)
+        components = _given_components(path, table, channels, measures, is_chosen=bool(options.columns))
     except MissingOptionsError as error:
         raise together(error, *_missing_of_times(path, table, options)) from None
     _refuse_marks(path, table, channels)
     _refuse_without_numbers(path, table, channels)
-    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
-    components = _given_components(path, table, channels, measures, is_chosen=bool(options.columns))
     rows, zone, about_times = _timed_rows(path, table, options)
-    rate_hz = usual_rate_hz([row.time_ns for row in rows])
-    raw_bytes = max(len(_raw(row)) for row in rows)
-    streams = _streams(name, channels, components, rate_hz, raw_bytes)
-    readings = list(chain.from_iterable(_readings(stream, rows, _flags_at(table)) for stream in streams))
+    streams = _streams(name, channels, components, rows, is_long=table.long is not None)
+    readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
@@ -150,7 +146,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         *_on_end(table),
         *_on_measures(channels, components, measures),
         *_on_cells(rows, channels),
-        *chain.from_iterable(_on_stream(stream, rows) for stream in streams),
+        *chain.from_iterable(map(_on_stream, streams)),
     )
     return ImportedRecording(tuple(stream.info for stream in streams), readings, all_notes)
 
@@ -304,12 +300,8 @@ class Channel(NamedTuple):
 
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
-        meaning = self.meaning_in(cells)
-        return (
-            meaning.in_stream_unit(number_of(number_text(cell_of(cells, self.place))))
-            if meaning
-            else math.nan
-        )
+        meaning, number = self.meaning_in(cells), number_of(number_text(cell_of(cells, self.place)))
+        return meaning.in_stream_unit(number) if meaning else math.nan
 
     def meaning_in(self, cells: Sequence[str]) -> Meaning | None:
         """Meaning of a row's number; None where its unit is of another quantity."""
@@ -323,80 +315,68 @@ class Channel(NamedTuple):
 
 
 def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
-    """The columns that are read, and notes on the others."""
-    if options.unit and quantities.unit_of(options.unit) is None:
-        place = Argument("unit", options.unit)
-        raise ConfigError("not a unit that is known", place=place, fix=f"known units: {KNOWN_UNITS}")
-    places = [place_of(path, table.columns, name) for name in options.columns]
-    if not places:
-        return _all_channels(path, table, options.unit)
-    other = [table.columns[place] for place in places if not _is_as_measured(table.columns[place])]
-    heads = ", ".join(f"{column.head} ({column.process})" for column in other)
-    note = f"neither samples nor averages, stamped as the table has them: {heads}"
-    channels = [_requested_channel(path, table, place, options.unit) for place in places]
-    heads_by_option = [
-        table.columns[place].head for place in places if not _header_unit(path, table, place)[0]
-    ]
-    notes = _on_option("the unit", options.unit, heads_by_option, [])
-    return channels, [*([(Severity.WARNING, note)] if other else []), *notes]
+    """The columns asked for, or every column with numbers, and notes on what they are.
 
-
-def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], Notes]:
-    """Every column with numbers; those whose quantity the table does not state, as they came.
-
-    The option gives the unit where the table has none. Extremes, sums and deviations are no samples of their
-    quantity.
+    The option gives the unit where the table has none; what it does not give is stored as it came, and so are
+    extremes, sums and deviations, which are no samples of their quantity unless they are asked for.
     """
-    channels: list[Channel] = []
-    heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": []}
-    for place in _free(table):
-        column = table.columns[place]
-        written, own = _header_unit(path, table, place)
-        if own is None and not _has_numbers(table, place):
-            continue
-        meaning = own or (None if written else meaning_of(unit, column.label))
-        source = "unknown" if meaning is None or not _is_as_measured(column) else "table" if own else "option"
-        if meaning is None or source == "unknown":
-            meaning = unknown_meaning(written)
-        channels.append(_channel(table, place, meaning))
-        heads[source].append(column.head)
-    if not any(channel.meaning.unit.shown for channel in channels):
-        raise MissingOptionsError(
-            "no column has a unit" + (f" ({table.about})" if table.about else ""),
-            place=path,
-            fix='headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others",
-        )
-    kinds = {re.sub(r"[\W\d_]", "", split_head(head)[0]).lower() for head in heads["option"]}
-    if len(kinds) > 1:
-        columns = Sentence.listing([Argument("columns", head) for head in heads["option"]])
-        about = f" ({table.about})" if table.about else ""
-        text = f"{len(heads['option'])} columns state no unit, and {unit} need not be that of all{about}"
-        raise MissingOptionsError(text, place=path, fix=f"choose those of {unit} from " + columns)
-    text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
-    notes = [(Severity.WARNING, text)] if heads["unknown"] else []
-    return channels, [*notes, *_on_option("the unit", unit, heads["option"], heads["table"])]
-
-
-def _is_as_measured(column: Column) -> bool:
-    """True if a column's values are samples or averages, and not extremes, deviations or sums."""
-    return column.process in (*SAMPLED, *AVERAGED)
-
-
-def _requested_channel(path: Path, table: Table, place: int, unit: str) -> Channel:
-    """A column asked for by name; raises `ConfigError` where it contradicts an option."""
-    column = table.columns[place]
-    option = meaning_of(unit, column.label)
-    written, stated = _header_unit(path, table, place)
-    if written and option and stated != option:
+    unit = options.unit
+    if unit and quantities.unit_of(unit) is None:
         raise ConfigError(
-            f"states the unit {written!r}, not {unit!r}",
-            place=named(path, column),
-            fix="omit " + Argument("unit") + ", or the column",
+            "not a unit that is known", place=Argument("unit", unit), fix=f"known units: {KNOWN_UNITS}"
         )
-    meaning = stated or option or unknown_meaning(written)
-    if not meaning.unit.shown:
-        raise ConfigError("has no unit", place=named(path, column), fix=f"known units: {KNOWN_UNITS}")
-    return _channel(table, place, meaning)
+    chosen = [place_of(path, table.columns, name) for name in options.columns]
+    channels: list[Channel] = []
+    heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": [], "process": []}
+    for place in chosen or _free(table):
+        column, (written, stated) = table.columns[place], _stated_unit(path, table, place)
+        if not (chosen or stated or table.has_numbers(place)):
+            continue
+        option = meaning_of(unit, column.label)
+        if chosen and written and option and stated != option:
+            text = f"states the unit {written!r}, not {unit!r}"
+            raise ConfigError(
+                text, place=named(path, column), fix="omit " + Argument("unit") + ", or the column"
+            )
+        is_sample = column.process in (*SAMPLED, *AVERAGED)
+        meaning = (stated or (None if written else option)) if is_sample or chosen else None
+        source = "unknown" if meaning is None else "table" if stated else "option"
+        meaning = meaning or unknown_meaning(written)
+        channels.append(Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at))
+        heads[source].append(column.head)
+        heads["process"] += [f"{column.head} ({column.process})"] if chosen and not is_sample else []
+    _refuse_open_units(path, table, channels, heads["option"], options)
+    notes = _on_option("the unit", unit, heads["option"], heads["table"])
+    if heads["unknown"]:
+        text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
+        notes.append((Severity.WARNING, text))
+    if heads["process"]:
+        text = f"neither samples nor averages, stamped as the table has them: {', '.join(heads['process'])}"
+        notes.append((Severity.WARNING, text))
+    return channels, notes
+
+
+def _refuse_open_units(
+    path: Path, table: Table, channels: Sequence[Channel], heads: Sequence[str], options: LogOptions
+) -> None:
+    """Refuse columns without a unit, an option that may not be of all of them, or not of the table."""
+    unit, about = options.unit, f" ({table.about})" if table.about else ""
+    without = [channel for channel in channels if not channel.meaning.unit.shown]
+    if without and (options.columns or len(without) == len(channels)):
+        place = named(path, table.columns[without[0].place]) if options.columns else path
+        fix = 'headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others"
+        raise MissingOptionsError(f"no column has a unit{about}", place=place, fix=fix)
+    given = meaning_of(unit)
+    above = [meaning for word in table.units if (meaning := meaning_of(word))]
+    other = [meaning.unit.shown for meaning in above if given and meaning.quantity == given.quantity]
+    if heads and given and other and given not in above:
+        fix = "omit " + Argument("unit") + f" {unit}, or give " + Argument("unit", other[0])
+        raise ConfigError(f"states the unit {other[0]!r} above its header, not {unit!r}", place=path, fix=fix)
+    kinds = {re.sub(r"[\W_][A-Za-z]$|[\W\d_]", "", split_head(head)[0]).lower() for head in heads}
+    if len(kinds) > 1 and not options.columns:
+        columns = Sentence.listing([Argument("columns", head) for head in heads])
+        text = f"{len(heads)} columns state no unit, and {unit} need not be that of all{about}"
+        raise MissingOptionsError(text, place=path, fix=f"choose those of {unit} from " + columns)
 
 
 def _given_components(
@@ -408,7 +388,7 @@ def _given_components(
     if len(unnamed) > 1 and measures.get("") and not is_chosen:
         names = ", ".join(channel.label for channel in unnamed)
         fix = Argument("measures", {unnamed[0].label: measures[""]}) + ", and so each of the others"
-        raise ConfigError(f"{measures['']} may be what each of {names} measures", place=path, fix=fix)
+        raise MissingOptionsError(f"{measures['']} may be what each of {names} measures", place=path, fix=fix)
     components = {channel.place: measures[""] for channel in unnamed if measures.get("")}
     components |= {place_of(path, table.columns, name): value for name, value in measures.items() if name}
     for place, component in components.items():
@@ -426,18 +406,13 @@ def _given_components(
     return components
 
 
-def _channel(table: Table, place: int, meaning: Meaning) -> Channel:
-    column = table.columns[place]
-    return Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at)
-
-
 def _free(table: Table) -> list[int]:
     """The columns that may hold values, without those of fieldkit's own tables."""
     exported = set(range(len(table.columns))[-len(_EXPORTED) :]) if _flags_at(table) >= 0 else set()
     return [place for place in table.free if place not in exported]
 
 
-def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
+def _stated_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
     """The unit that the table states of a column, as written and what it means."""
     column = table.columns[place]
     if column.unit_at < 0:
@@ -460,27 +435,26 @@ def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
     return written, meaning
 
 
-def _has_numbers(table: Table, place: int) -> bool:
-    """True if a column without a unit has numbers, and not times or those of the rows before their time."""
-    cells = [number_text(cell_of(row.cells, place)) for row in table.rows]
-    numbers = [number_of(cell) for cell in cells]
-    is_numbering = place < min(table.time_at) and all(
-        later == earlier + 1.0 for earlier, later in pairwise(numbers)
-    )
-    return not (all(map(math.isnan, numbers)) or is_numbering or all(map(is_unix, cells)))
-
-
 class _Stream(NamedTuple):
-    """A stream and the columns of its channels."""
+    """A stream, the columns of its channels, and its rows."""
 
     info: StreamInfo
     channels: list[Channel]
+    rows: Sequence[TimedRow]
 
 
 def _streams(
-    name: str, channels: Sequence[Channel], given: Mapping[int, str], rate_hz: float, raw_bytes: int
+    name: str,
+    channels: Sequence[Channel],
+    given: Mapping[int, str],
+    rows: Sequence[TimedRow],
+    *,
+    is_long: bool,
 ) -> list[_Stream]:
-    """A stream for each quantity, and one of its own for averages beside samples of it."""
+    """A stream for each quantity, and one of its own for averages beside samples of it.
+
+    A long table has rows of other quantities alone, which are none of a stream.
+    """
     groups: dict[tuple[Quantity, bool], list[Channel]] = {}
     for channel in sorted(channels, key=lambda channel: channel.meaning.quantity.name == quantities.UNKNOWN):
         groups.setdefault((channel.meaning.quantity, channel.is_average), []).append(channel)
@@ -489,17 +463,23 @@ def _streams(
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
         stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
         free = free_name(stream, streams, "{}-{}")  # unknown quantities of several units
-        streams[free] = _Stream(_info(free, ours, given, rate_hz, raw_bytes), ours)
+        has_cells = [any(cell_of(row.cells, channel.place) for channel in ours) for row in rows]
+        own = list(compress(rows, has_cells)) if is_long else rows
+        streams[free] = _Stream(_info(free, ours, given, own), ours, own)
     return list(streams.values())
 
 
 def _info(
-    name: str, channels: Sequence[Channel], given: Mapping[int, str], rate_hz: float, raw_bytes: int
+    name: str, channels: Sequence[Channel], given: Mapping[int, str], rows: Sequence[TimedRow]
 ) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
     radiation = channels if quantity.units == POWER else ()
     components = tuple(
         component_named(channel.label) or given.get(channel.place, "") for channel in radiation
+    )
+    rate_hz, raw_bytes = (
+        usual_rate_hz([row.time_ns for row in rows]),
+        max((len(_raw(row)) for row in rows), default=1),
     )
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
@@ -513,11 +493,11 @@ def _flags_at(table: Table) -> int:
     return labels.index("flags") if labels[-len(_EXPORTED) :] == [*_EXPORTED] else -1
 
 
-def _readings(stream: _Stream, rows: Sequence[TimedRow], flags_at: int) -> Iterator[Reading]:
-    time_ns = [row.time_ns for row in rows]
+def _readings(stream: _Stream, flags_at: int) -> Iterator[Reading]:
+    time_ns = [row.time_ns for row in stream.rows]
     if stream.channels[0].is_average:
         time_ns = middles_ns(time_ns)
-    for stamp, row in zip(time_ns, rows, strict=True):
+    for stamp, row in zip(time_ns, stream.rows, strict=True):
         values = tuple(channel.value(row.cells) for channel in stream.channels)
         flags = row.cells[flags_at] if flags_at >= 0 else ""
         quality = Quality(int(flags) & _ALL_FLAGS if flags.isdecimal() else 0)
@@ -598,7 +578,7 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     return [(Severity.WARNING, text) for text in notes]
 
 
-def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
+def _on_stream(stream: _Stream) -> Notes:
     """Notes on what a stream of radiation does not state, and on averages that were moved."""
     info, labels = stream.info, ", ".join(stream.info.channels)
     notes: Notes = []
@@ -606,7 +586,7 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
         note = f"what {labels} measures is not known, so slopes cannot use it"
         fix = f"import it as global irradiance (ghi), or {how_to_state(info.name)}"
         notes.append((Severity.WARNING, f"{note}: {fix}"))
-    if stream.channels[0].is_average and len(rows) > 1:
+    if stream.channels[0].is_average and len(stream.rows) > 1:
         middle = f"in the middle of their interval of {1 / info.rate_hz:g} s, not at its end"
         notes.append((Severity.INFO, f"averages of {labels} are stamped {middle}"))
     elif stream.channels[0].is_average:

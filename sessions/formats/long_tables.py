@@ -26,11 +26,13 @@ from fieldkit.sessions.formats.tables import (
     Table,
     number_of,
     number_text,
+    split_head,
     written_unit,
 )
 from fieldkit.sessions.formats.time_columns import cell_of
 
 _MOST_THINGS = 200
+_A_TIME = re.compile(r"\d\d?\D+\d\d?|\d{5}|^\d+$")
 _NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)
 
 
@@ -49,9 +51,14 @@ def by_thing(path: Path, table: Table) -> Table:
     ]
     fewest = _fewest(table, telling) or telling[:1]
     if not telling or not values:
-        return table
+        several = [table.columns[place].head for place in table.free if _may_tell(table, place)]
+        text = (
+            f"one channel has rows of several {', '.join(several)}: call the column 'sensor' if it tells them"
+        )
+        return replace(table, notes=(*table.notes, text)) if several else table
     things = {row.number: " ".join(filter(None, _cells(row.cells, fewest))) for row in table.rows}
-    labels, heads = list(dict.fromkeys(things.values())), ", ".join(table.columns[at].head for at in fewest)
+    labels = list(dict.fromkeys(things[row.number] for row in _timed(table)))
+    heads = ", ".join(table.columns[place].head for place in fewest)
     shown = ", ".join(labels[:10]) + (" ..." if len(labels) > 10 else "")
     text = f"a row per {heads}: a channel for each of {shown}"
     if len(labels) > _MOST_THINGS:
@@ -75,6 +82,7 @@ def _spread(table: Table, things: Mapping[int, str], labels: Sequence[str], valu
                 text = f"{texts[at]} {units[at]}" if several and old.unit_at != place else texts[at]
                 rows[at].cells.extend([""] * (len(columns) - len(rows[at].cells)) + [text])
             label = thing if len(values) == 1 else f"{thing} {old.label}"
+            unit = unit or ("" if several else split_head(thing)[1])
             head = f"{label} [{unit}]" if unit else label
             columns.append(Column(head, label, unit, old.process, len(columns) if several else -1))
     for row in rows:
@@ -86,9 +94,14 @@ def _cells(cells: Sequence[str], places: Sequence[int]) -> list[str]:
     return [cell_of(cells, place) for place in places]
 
 
+def _timed(table: Table) -> list[Row]:
+    """The rows without those of a header that stands there again."""
+    return [row for row in table.rows if _A_TIME.search(table.time_text(row))]
+
+
 def _telling(table: Table) -> list[int]:
     """The columns that tell the thing of a row, words before numbers."""
-    rows = [row for row in table.rows if re.search(r"\d", table.time_text(row))]  # not a header again
+    rows = _timed(table)
     free = [place for place in table.free if not table.columns[place].unit]
     telling = [place for place in free if _is_telling(table, place, rows)]
     return sorted(telling, key=lambda place: all(cell_of(row.cells, place).isdecimal() for row in rows))
@@ -106,7 +119,7 @@ def _fewest(table: Table, telling: Sequence[int]) -> list[int]:
 
 
 def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
-    cells = [cell_of(row.cells, place) for row in rows]
+    cells = [cell_of(row.cells, place).removesuffix(".0") for row in rows]
     names, by_name = set(cells) - {""}, THING.fullmatch(table.columns[place].label.strip())
     are_numbers, is_repeated = all(map(str.isdecimal, cells)), 2 * len(names) <= len(cells)
     is_mixed = not (are_numbers or by_name) and any(map(str.isdecimal, names))  # 20, OL, 21
@@ -117,34 +130,37 @@ def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
     for row, cell in zip(rows, cells, strict=True):
         groups.setdefault(table.time_text(row), []).append(cell)
     several = [group for group in groups.values() if len(group) > 1]
-    differ = all(len(set(group)) == len(group) for group in several) and 2 * sum(map(len, several)) >= len(
-        cells
-    )
-    if differ and not (are_numbers and len(set(map(frozenset, several))) > 1):
+    differ = all(len(set(group)) == len(group) for group in several)
+    if (
+        differ
+        and 2 * sum(map(len, several)) >= len(cells)
+        and not (are_numbers and len(set(map(frozenset, several))) > 1)
+    ):
         return True
     if by_name and not are_numbers:
         return True
     if by_name and not by_name["place"]:
         changes = sum(earlier != later for earlier, later in pairwise(cells))
-        return is_repeated and (
-            2 * changes >= len(cells) or [*groups] not in (sorted(groups), sorted(groups)[::-1])
-        )
-    return (
-        is_repeated
-        and "" not in cells
-        and (_is_cycle(cells) or (not are_numbers and _parts(table, rows, cells)))
-    )
+        is_unsorted = [*groups] not in (sorted(groups), sorted(groups, reverse=True))
+        return is_repeated and (2 * changes >= len(cells) or is_unsorted)
+    counts = not are_numbers or (min(map(int, names)) < 2 and max(map(int, names)) <= len(names))
+    return is_repeated and counts and "" not in cells and (_is_cycle(cells) or _parts(table, rows, cells))
+
+
+def _may_tell(table: Table, place: int) -> bool:
+    """True for a column of a few words in every row, which may be its condition or its sensor."""
+    cells = {cell_of(row.cells, place) for row in table.rows}
+    return "" not in cells and 1 < len(cells) <= len(table.rows) / 3 and not table.has_numbers(place)
 
 
 def _is_cycle(cells: Sequence[str]) -> bool:
-    """True where names come round and round, as of the inputs of a logger; numbers count from 0 or 1."""
+    """True where names come round and round, as of the inputs of a logger."""
     after: dict[str, str] = {}
     for (earlier, later), _ in Counter(pairwise(cells)).most_common():
         after.setdefault(earlier, later)
     follow = sum(after[earlier] == later for earlier, later in pairwise(cells))
     is_round = len(set(after.values())) == len(after) and all(name != other for name, other in after.items())
-    counts = not cells[0].isdecimal() or (min(map(int, cells)) < 2 and max(map(int, cells)) <= len(after))
-    return is_round and counts and len(cells) >= 3 * len(after) and follow >= 0.9 * (len(cells) - 1)
+    return is_round and len(cells) >= 3 * len(after) and follow >= 0.9 * (len(cells) - 1)
 
 
 def _parts(table: Table, rows: Sequence[Row], names: Sequence[str]) -> bool:

@@ -19,8 +19,8 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import islice, takewhile
+from dataclasses import dataclass, field, replace
+from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ from fieldkit.sessions.formats.time_columns import (
     time_places,
     time_text,
 )
-from fieldkit.sessions.formats.times import is_dated
+from fieldkit.sessions.formats.times import is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
 
 _MAX_BYTES = 100_000_000
@@ -57,6 +57,7 @@ _UNIT_COLUMN = re.compile(
     r"(?<![a-z])units?(?![a-z])|(?-i:(?<=[a-z])Unit)|einheit|unité|unidad|unità|eenheid|enhet|jednot|uom|単位|单位",
     re.IGNORECASE,
 )
+_UNIT_LINE = re.compile(r"\bunits?\b\W*(.*\w)", re.IGNORECASE)  # above the header
 VALUE = re.compile(r"value|wert|valeur|valor|reading|state|payload|mean|測定値|数值", re.IGNORECASE)
 THING = re.compile(
     r"_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic)"
@@ -108,7 +109,7 @@ class Table:
     zone of its times. Without `has_end` the file ends within its last line. `kind` is what the times are,
     `has_format` true if their format is given, `dates` what
     lines above say of their start and date, or examples. One that was made of a `long` table has the thing of
-    each row by its number, and words `about` them.
+    each row by its number, and words `about` them; `units` stand above the header.
     """
 
     columns: list[Column]
@@ -123,6 +124,7 @@ class Table:
     long: Table | None = None
     things: Mapping[int, str] = field(default_factory=dict)
     about: str = ""
+    units: Sequence[str] = ()
     notes: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
 
@@ -134,9 +136,13 @@ class Table:
         return [at for at, column in enumerate(self.columns) if at not in others and column.unit != "RN"]
 
     def has_numbers(self, place: int) -> bool:
-        """True if a cell of a column begins as a number, and not as a date."""
-        cells = (cell_of(row.cells, place) for row in self.rows)
-        return any(re.match(r"[+−-]?\s*[.,]?\d", cell) and not is_dated(cell) for cell in cells)
+        """True if a column has numbers, and not times or those of the rows before their time."""
+        cells = [number_text(cell_of(row.cells, place)) for row in self.rows]
+        numbers = [number_of(cell) for cell in cells]
+        is_numbering = place < min(self.time_at) and all(
+            later == earlier + 1.0 for earlier, later in pairwise(numbers)
+        )
+        return not (all(map(math.isnan, numbers)) or is_numbering or all(map(is_unix, cells)))
 
     def time_text(self, row: Row) -> str:
         """The cells of a row's time as one text."""
@@ -175,31 +181,21 @@ def read_table(
             fix="keep the header line, with the unit of each column in brackets",
         )
     columns = _columns(names, below, is_campbell=rows[0].cells[0] in _CAMPBELL)
-    body = rows[first:]
+    body = [row for row in rows[first:] if not row.cells[0].startswith("#")]  # comments, annotations
     for row in body:
         refuse_swallowed(path, row.number, row.cells, len(names), delimiter)
     body, losses = _whole(body, names, below, date, text)
     named_at = tuple(place_of(path, columns, name) for name in time_names)
     labels = [column.label for column in columns]
-    time_at = named_at or (time_places(path, labels, cells[first:], date) if kind == "moment" else (date,))
+    cells = [row.cells for row in body]
+    time_at = named_at or (time_places(path, labels, cells, date) if kind == "moment" else (date,))
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
-    columns = _with_unit_columns(columns, body, time_at)
+    units = [match[1] for row in rows[:first] if (match := _UNIT_LINE.search(" ".join(row.cells)))]
     has_end, dates = text.endswith(("\n", "\r")), _dates(rows[:first])
     has_commas, has_format = delimiter != ",", time_format is not None
-    return Table(
-        columns,
-        body,
-        time_at,
-        has_commas,
-        stated,
-        has_end,
-        kind,
-        has_format,
-        dates,
-        notes=notes,
-        losses=losses,
-    )
+    table = Table(columns, body, time_at, has_commas, stated, has_end, kind, has_format, dates, notes=notes)
+    return replace(table, columns=_with_unit_columns(table), units=units, losses=losses)
 
 
 def named(path: Path, column: Column) -> str:
@@ -306,7 +302,9 @@ def _header(above: Sequence[Row], place: int) -> tuple[list[str], list[list[str]
     at = len(above) - 1
     while at > 0 and _is_below_names(above[at].cells, above[at - 1].cells, place):
         at -= 1
-    return (above[at].cells if above else []), [row.cells for row in above[at + 1 :]]
+    names, before = (above[at].cells if above else []), above[max(at - 1, 0)].cells if above else []
+    is_of_units = at > 0 and _is_below_names(before, names, place) and not re.search(r"\d", before[-1])
+    return names, [*([before] if is_of_units else []), *(row.cells for row in above[at + 1 :])]
 
 
 def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> bool:
@@ -451,41 +449,35 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     units = next((row for row in below if not _has_processes(row)), [])
     columns: list[Column] = []
     for place, name in enumerate(_of_onset(names)):
+        letters = {other[-1:] for other in names if other[:-1] == name[:-1]}
+        if not letters <= set("CFKcfk") and split_head(name)[1] == name[-1:]:  # T_a, T_b, T_c
+            columns.append(Column(name, name, cell_of(units, place).strip("[]() ")))
+            continue
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
         label = free_name(column.label, [other.label for other in columns], "{} {}")
         columns.append(column._replace(label=label))
     return columns
 
 
-def _with_unit_columns(
-    columns: Sequence[Column], rows: Sequence[Row], time_at: Sequence[int]
-) -> list[Column]:
+def _with_unit_columns(table: Table) -> list[Column]:
     """The columns with the places of their units: the column's own, or one of units beside it."""
-    paired, units = list(columns), {}
-    for place, column in enumerate(columns):
-        cells = {cell_of(row.cells, place) for row in rows} - {""}
-        in_cells = {cell: split_cell(cell)[1] for cell in cells}
-        if place in time_at or not cells:
+    paired, units = list(table.columns), dict[int, str]()
+    for place, column in enumerate(table.columns):
+        cells = {cell_of(row.cells, place) for row in table.rows} - {"", column.head, column.label}
+        if place in table.time_at or not cells:
             continue
-        if 2 * sum(map(bool, in_cells.values())) > len(cells):
+        if any(split_cell(cell)[1] for cell in cells):
             paired[place] = column._replace(unit_at=place)
         elif not any(cell[:1].isdigit() for cell in cells) and (
             _UNIT_COLUMN.search(column.label) or (all(map(is_unit, cells)) and max(map(len, cells)) > 1)
         ):
             units[place] = column.label
-    values = [
-        place
-        for place, column in enumerate(columns)
-        if place not in (*time_at, *units)
-        and any(cell_of(row.cells, place)[:1] in "+-−.0123456789" for row in rows)
-    ]
+    values = [at for at in table.free if at not in units and table.has_numbers(at)]
     for unit_at, label in units.items():
-        of_unit = min(
-            values, key=lambda place: _distance(columns[place].label, label, place - unit_at), default=-1
-        )
-        if of_unit >= 0:
-            paired[of_unit] = paired[of_unit]._replace(unit_at=unit_at)
-            values.remove(of_unit)
+        if values:
+            nearest = min(values, key=lambda at: _distance(paired[at].label, label, at - unit_at))
+            paired[nearest] = paired[nearest]._replace(unit_at=unit_at)
+            values.remove(nearest)
     return paired
 
 

@@ -483,6 +483,85 @@ def test_units_and_values_are_not_seen_where_none_are(tmp_path, text, channels):
     assert read(tmp_path, text, unit="C").streams[0].channels == channels
 
 
+NOON = "2026-06-11T12:00:00Z,"
+STATED = [
+    ("units above the names", ",°F,°F\ntime,T1,T2\n", "68,68", (293.15, 293.15)),
+    ("units below other words", "Timestamp,T1,T2\nLocal time,°F,K\n", "68,293.15", (293.15, 293.15)),
+    ("behind a dash", "time,Temp - °F,T2 - K\n", "68,293.15", (293.15, 293.15)),
+    ("behind an underscore", "time,T1_°F,bed_f\n", "68,68", (293.15, 293.15)),
+    ("behind a sign", "time,T1°F,tempF\n", "68,68", (293.15, 293.15)),
+    ("in a column before", "time,unit,T1\n", "F,68", (293.15,)),
+    ("in a column behind", "time,T1,unit\n", "68,ºF", (293.15,)),
+    ("in a column of no such name", "time,T1,x\n", "68,°F", (293.15,)),
+    ("in a column of the same name", "time,T1 unit,T1,T2,T2 unit\n", "F,68,293.15,K", (293.15, 293.15)),
+    ("in the cells", "time,T1,T2\n", "68 °F,68F", (293.15, 293.15)),
+    ("in the cells, against the header", "time,T1 [K]\n", "68 °F", (293.15,)),
+]
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "kelvin"), [case[1:] for case in STATED], ids=[case[0] for case in STATED]
+)
+def test_a_unit_that_stands_anywhere_wins(tmp_path, head, cells, kelvin):
+    imported = read(
+        tmp_path, f"{head}{NOON}{cells}\n{NOON.replace('12:', '13:')}{cells}\n", zone=None, unit="C"
+    )
+    assert values(imported)[0] == pytest.approx(kelvin)
+    assert "the unit C applies to no column" in notes(imported)
+
+
+@pytest.mark.parametrize(
+    ("text", "steps_asked"),
+    [
+        (
+            minutes("temperature,humidity", "22,48"),
+            [Argument("columns", "temperature"), Argument("columns", "humidity")],
+        ),
+        ("Temperature unit: °F\n" + minutes("T1", "70"), [Argument("unit"), Argument("unit", "°F")]),
+    ],
+    ids=["of several columns", "against a line above"],
+)
+def test_a_unit_that_need_not_be_of_all_is_asked(tmp_path, text, steps_asked):
+    with pytest.raises(ConfigError, check=at(tmp_path / "log.csv", *steps_asked)):
+        read(tmp_path, text, unit="C")
+
+
+def test_letters_of_a_series_are_no_units(tmp_path):
+    assert values(read(tmp_path, minutes("T_a,T_b,T_c", "68,68,68"), unit="F")) == [
+        pytest.approx((293.15,) * 3)
+    ]
+
+
+@pytest.mark.parametrize(
+    "number", ["98'700.5", "98\u202f700,5", "98\u00a0700.5", "98 700,5", "98’700.5", "+98 700.5"]
+)
+def test_thousands_by_blanks_and_apostrophes_are_numbers(tmp_path, number):
+    assert values(read(tmp_path, minutes("E [lx]", f'"{number}"'))) == [(98_700.5,)]
+
+
+@pytest.mark.parametrize("cell", ["98·700", "ERR", "1e", "98_700_"])
+def test_a_column_without_one_number_is_refused(tmp_path, cell):
+    with pytest.raises(
+        ConfigError, check=at(f"{tmp_path / 'log.csv'}, column 'E [lx]'", Argument("columns", "T"))
+    ):
+        read(tmp_path, minutes("E [lx],T [C]", f"{cell},20", f"{cell},21"))
+    assert np.isnan(values(read(tmp_path, minutes("E [lx],T [C]", "NAN,20")), "log-illuminance")[0][0])
+
+
+def test_components_are_given_by_column(tmp_path):
+    text = minutes("sun [W/m2],tracker [W/m2],Pyrgeometer [W/m2],T [C]", "800,900,300,20")
+    with pytest.raises(ConfigError, check=at(tmp_path / "log.csv", Argument("measures", {"sun": "ghi"}))):
+        read(tmp_path, text, measures="ghi")
+    given = read(tmp_path, text, measures={"sun": "ghi", "tracker": "dni"})
+    assert given.streams[0].measures == ("ghi", "dni", "")
+    assert "dni applies to tracker" in notes(given)
+    for column, component in (("Pyrgeometer", "ghi"), ("T", "ghi")):
+        with pytest.raises(
+            ConfigError, match=column, check=lambda error: steps(error) == [Argument("measures")]
+        ):
+            read(tmp_path, text, measures={column: component})
+
+
 def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     text = minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101")
     imported = read(tmp_path, text, measures="dni")

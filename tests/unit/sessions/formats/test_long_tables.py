@@ -41,6 +41,7 @@ def kelvin(*numbers: float) -> list[float]:
 
 SAND, AIR = kelvin(*range(40, 46)), kelvin(*range(20, 26))
 TWO = {("K", "sand"): SAND, ("K", "air"): AIR}
+INFLUX = ",result,table,_start,_time,_value,_field,_measurement"
 CASES = {
     "a history": (
         rows("s.sand,4{m}.0,{t}:00.1Z", "s.air,2{m}.0,{t}:20.4Z", head="entity_id,state [C],last_changed"),
@@ -78,13 +79,24 @@ CASES = {
             ("", "d1 f_port"): [1.0] * 6, ("", "d2 f_port"): [1.0] * 6,
         },
     ),
+    "units in the names": (
+        rows("{t}:00Z,home/sand/temp_c,4{m}", "{t}:03Z,home/sky/lux,9{m}", head="time,topic,payload"),
+        {("K", "home/sand/temp_c"): SAND, ("lx", "home/sky/lux"): [90.0, 91.0, 92.0, 93.0, 94.0, 95.0]},
+    ),
+    "ids as a spreadsheet writes them": (
+        rows("{t}:00Z,1.0,4{m}", "{t}:31Z,2.0,2{m}", head="time,id,T [C]"),
+        {("K", "1.0"): SAND, ("K", "2.0"): AIR},
+    ),
+    "bursts of no name": (
+        rows("{t}:00Z,1,4{m}", "{t}:20Z,1,4{m}", "{t}:40Z,2,2{m}", head="time,x,T [C]"),
+        {("K", "1"): [number for number in SAND for _ in range(2)], ("K", "2"): AIR},
+    ),
     "a database": (
         "#group,false,false,true,false,false,true,true\n"
         "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,double,string,string\n#default,_result,,,,,,\n"
-        + rows(
-            ",,0,2026-06-11T00:00:00Z,{t}:00Z,4{m},sand,°C", ",,1,2026-06-11T00:00:00Z,{t}:30Z,9{m},sky,klx",
-            head=",result,table,_start,_time,_value,_field,_measurement",
-        ),
+        + rows(",,0,2026-06-11T00:00:00Z,{t}:00Z,4{m},sand,°C", head=INFLUX)
+        + "\n#group,false,false,true,false,false,true,true\n#default,_result,,,,,,\n"
+        + rows(",,1,2026-06-11T00:00:00Z,{t}:30Z,9{m},sky,klx", head=INFLUX),
         {("K", "sand"): SAND, ("lx", "sky"): [90e3, 91e3, 92e3, 93e3, 94e3, 95e3]},
     ),
 }  # fmt: skip
@@ -115,6 +127,14 @@ def test_channels_are_chosen_by_the_things_and_all_units_are_asked_for(tmp_path)
         read(tmp_path, text, zone=None, unit="C")
     assert steps(caught.value) == [Argument("columns", "sand"), Argument("columns", "sky")]
     assert channels(read(tmp_path, text, zone=None, unit="C", columns=("sand",))) == {("K", "sand"): SAND}
+
+
+def test_words_that_may_tell_things_are_named(tmp_path):
+    words = ["sand", "air", "sand", "sand", "air", "air", "sand", "air", "sand"]
+    text = "".join(f"2026-06-11T10:0{m}:00Z,{word},20.{m}\n" for m, word in enumerate(words))
+    imported = read(tmp_path, "time,what,T [C]\n" + text, zone=None)
+    assert imported.streams[0].channels == ("T",)
+    assert "several what" in notes(imported)
 
 
 def test_a_row_that_is_too_long_is_named_as_it_stands(tmp_path):
