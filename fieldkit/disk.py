@@ -56,7 +56,11 @@ class Patience:
 
 def _is_passing(error: BaseException | None) -> bool:
     """Whether an error, or one that it was raised from, is of a disk that may be back soon."""
-    return error is not None and (getattr(error, "errno", None) in _PASSING or _is_passing(error.__cause__))
+    causes = []
+    while error is not None and error not in causes:  # an error may be its own cause
+        causes.append(error)
+        error = error.__cause__
+    return any(getattr(cause, "errno", None) in _PASSING for cause in causes)
 
 
 def write_all(descriptor: int, data: memoryview, offset: int) -> None:

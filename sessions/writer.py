@@ -128,6 +128,10 @@ class SessionWriter:
 
     # --- what comes in
 
+    def utc_ns(self, mono_ns: int) -> int:
+        """UTC of a monotonic time by the anchor of this session."""
+        return mono_ns + self._identity.anchor_ns
+
     @property
     def bytes_written(self) -> int:
         """Bytes given to the disk so far, in the journal and in the file."""
@@ -190,7 +194,7 @@ class SessionWriter:
         if self._report is None:
             self._stop()
             try:
-                complete = self._finish_file(self._clock.to_utc_ns(self._clock.mono_ns()))
+                complete = self._finish_file(self.utc_ns(self._clock.mono_ns()))
                 self._report = Patience()(partial(self._seal, complete))
             except (OSError, RuntimeError, FieldkitError, ValueError, OverflowError) as error:
                 raise self._not_sealed(error) from error
@@ -262,7 +266,7 @@ class SessionWriter:
     def _add_error(self, text: str) -> None:
         """An event of the writer's own; dropped where even the journal is full."""
         now = self._clock.mono_ns()
-        event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", Severity.ERROR)
+        event = Event(EventKind.DISK, now, self.utc_ns(now), text, "", Severity.ERROR)
         with contextlib.suppress(StorageError, SessionError):
             self.put(event)
 

@@ -1,4 +1,4 @@
-"""The clock of a session: UTC anchored once to the monotonic counter, and the ways to wait.
+"""The clock of a session: UTC anchored at its start to the monotonic counter, and the ways to wait.
 
 Nothing else in fieldkit reads the system's time or sleeps, so a day of field work can be tested in
 seconds by passing another clock. Checks against the system clock are
@@ -63,7 +63,10 @@ class Clock(Protocol):
         """Monotonic time, never steps."""
 
     def to_utc_ns(self, mono_ns: int) -> int:
-        """UTC of a monotonic time by the anchor taken at the start."""
+        """UTC of a monotonic time by the anchor that was taken last."""
+
+    def take_anchor(self) -> None:
+        """Anchor UTC anew, at the start of a session."""
 
     def check(self) -> ClockCheck:
         """Compare the system's UTC with the monotonic counter now."""
@@ -98,10 +101,14 @@ class HostClock:
     mono_ns: staticmethod[[], int] = staticmethod(time.monotonic_ns)
 
     def __init__(self) -> None:
+        self.take_anchor()
+
+    def take_anchor(self) -> None:
+        """Anchor UTC by the system clock as it is now."""
         self.anchor: ClockCheck = self.check()
 
     def to_utc_ns(self, mono_ns: int) -> int:
-        """UTC nanoseconds since 1970 by the anchor of the start."""
+        """UTC nanoseconds since 1970 by the anchor that was taken last."""
         return mono_ns + self.anchor.utc_minus_mono_ns
 
     def check(self) -> ClockCheck:

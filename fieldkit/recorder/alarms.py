@@ -173,7 +173,10 @@ class AlarmEngine:
             self._started = True
             for stream in self._settings.intervals_s:
                 yield from self._arm(stream, health.time_ns)
-        yield from self._process(health.time_ns - LATE_NS)
+        until_ns = health.time_ns - LATE_NS
+        if any(status.queued for status in health.streams):  # what waits to be stored is no silence
+            until_ns = min(until_ns, self._latest_ns)
+        yield from self._process(until_ns)
         for status in health.streams:
             yield from self._count_garbled(status.stream, status.rejected, health.time_ns - LATE_NS)
 

@@ -2,8 +2,8 @@
 
 A device is lost when its driver reports it or fails, when it stays silent past its deadline, or when its
 image is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the
-recording lasts; the other devices continue. A driver that does not come back is reported by the recorder's
-thread, and the end of the recording does not wait for it.
+recording lasts, also where its driver hangs in closing or opening; the other devices continue. One that does
+not come back from a read is reported by the recorder's thread, and the end of the recording does not wait.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ LONGEST_BACK_OFF_S = 30.0
 INDICATORS_EVERY_NS = MINUTE_NS
 HANGS_AFTER_S = 10.0
 LAST_READ_NS = 2 * SECOND_NS  # a read takes 0.5 s, skipping frames 1 s: the end waits no longer
+CLOSED_WITHIN_S = 1.0
 LATE_NS = 2 * SECOND_NS
 """A sample may be read this long after its stamp: minutes of the estimator wait as long for it."""
 SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles within 10 s
@@ -277,12 +278,9 @@ class DeviceReader:
         mono_ns = sample.mono_ns if is_inside else now_ns
         if self._last is not None:
             mono_ns = max(mono_ns, self._last.mono_ns)
+        flags = Quality.GOOD if mono_ns == sample.mono_ns else Quality.INTERPOLATED
         time_ns = self._clock.to_utc_ns(mono_ns)
-        if (mono_ns, time_ns) == (sample.mono_ns, sample.time_ns):
-            return sample
-        return sample._replace(
-            mono_ns=mono_ns, time_ns=time_ns, quality=sample.quality | Quality.INTERPOLATED
-        )
+        return sample._replace(mono_ns=mono_ns, time_ns=time_ns, quality=sample.quality | flags)
 
     def _deadline_s(self) -> float:
         """Two sampling intervals, but at least 2 s: cameras pause briefly, slow meters skip a reading."""
@@ -315,7 +313,7 @@ class DeviceReader:
             return None
         if self.info.has_the_columns_of(device.info):
             return device
-        device.close()  # a different instrument with the same name
+        self._close_in_time(device)  # a different instrument with the same name
         return None
 
     def _flag_another_scale(self, info: StreamInfo) -> None:
@@ -337,8 +335,15 @@ class DeviceReader:
         device, self._device = self._device, None
         if device is not None:
             self._rejected_before = self.rejected
-            with suppress(BaseException):  # the stream is lost or over, however its driver closes it
-                device.close()
+            self._close_in_time(device)
+
+    def _close_in_time(self, device: Device) -> None:
+        """Close in a thread, which is left behind if the driver hangs: it is opened again all the same."""
+        closing = threading.Thread(target=_close, args=(device,), daemon=True)
+        closing.start()
+        closing.join(CLOSED_WITHIN_S)
+        if closing.is_alive():
+            self._report(EventKind.LOST, "its driver does not come back from closing it", Severity.ERROR)
 
     def _report(
         self,
@@ -351,6 +356,11 @@ class DeviceReader:
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
         self._queue_of(now).put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+
+
+def _close(device: Device) -> None:
+    with suppress(BaseException):  # the stream is lost or over, however its driver closes it
+        device.close()
 
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:

@@ -282,7 +282,7 @@ class HealthMonitor:
         self._next_ns = now + SECOND_NS
         for reader in self.readers:
             reader.count_second()
-        utc = self.clock.to_utc_ns(now)
+        utc = self.writer.utc_ns(now)
         with suppress(OSError):  # a network drive may fail for a moment: keep the last value
             self._free_bytes = self.free_bytes()
         free = self._free_bytes

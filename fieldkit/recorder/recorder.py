@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import InitVar, dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
 from itertools import chain
 from types import MappingProxyType
@@ -177,7 +177,7 @@ class Recorder:
         if (error := finished.exception()) is not None:
             now = self.clock.mono_ns()
             text = f"the session before was not sealed: {message_of(error)}"
-            event = Event(EventKind.DISK, now, self.clock.to_utc_ns(now), text, "", Severity.ERROR)
+            event = Event(EventKind.DISK, now, self.writer.utc_ns(now), text, "", Severity.ERROR)
             self._queue.put_event(event)
 
     @contextmanager
@@ -257,7 +257,7 @@ class Recorder:
                 fix="free some space, then: " + Action.RECOVER(self.writer.path),
             )
         now = self.clock.mono_ns()
-        utc = self.clock.to_utc_ns(now)
+        utc = self.writer.utc_ns(now)
         checks, events = self._health.inspect(now, utc, at_end=True)
         self._keep_checks(checks)
         for event in chain(events, self._storage.summary(now, utc, at_end=True)):
@@ -273,7 +273,7 @@ class Recorder:
         now = self.clock.mono_ns()
         for alarm in self.alarms.present:
             phase = Phase.ACKNOWLEDGED if alarm.acknowledged else Phase.RAISED
-            self._keep_event(alarm.event(phase, now, self.clock.to_utc_ns(now)))
+            self._keep_event(alarm.event(phase, now, self.writer.utc_ns(now)))
 
     def _keep_earlier(self) -> None:
         """Store what was measured before the start; the queue keeps what comes meanwhile."""
@@ -294,7 +294,7 @@ class Recorder:
 
     def _keep(self, item: Item) -> None:
         if isinstance(item, Event):
-            self._keep_event(item)
+            self._keep_event(replace(item, time_ns=self.writer.utc_ns(item.mono_ns)))
         elif isinstance(item, Future):
             self._keep_estimated(item)
         else:
@@ -307,7 +307,9 @@ class Recorder:
             self._storage.skips_frame(now) or not self._health.disk.stores_frames
         ):
             return
-        sample = sample._replace(seq=self._counts[sample.stream])
+        # what was read around the start of a session may have been stamped by the anchor of another
+        time_ns = self.writer.utc_ns(sample.mono_ns)
+        sample = sample._replace(seq=self._counts[sample.stream], time_ns=time_ns)
         try:
             if not self._store(lambda: self.writer.append(sample)):
                 return
@@ -359,7 +361,7 @@ class Recorder:
         data: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         now = self.clock.mono_ns()
-        self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity, dict(data)))
+        self._keep_event(Event(kind, now, self.writer.utc_ns(now), text, "", severity, dict(data)))
 
     def _store(self, write: Callable[[], None]) -> bool:
         """Write; a failure pauses frames, and a second one during the pause ends the recording."""

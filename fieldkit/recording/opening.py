@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Thread
+from threading import enumerate as enumerate_threads
 
 from fieldkit.config import Config
 from fieldkit.drivers import registry
@@ -31,6 +32,8 @@ from fieldkit.model.next_step import Action, Sentence
 SIMULATED = "simulated"
 NAMED_AFTER_S = 10.0
 CLOSED_WITHIN_S = 2.0
+MOST_HANGING = 3
+"""Threads left behind in a driver that hangs; the instrument is opened again once one has come back."""
 OPEN_END_S = 8 * 3600.0
 """Length of a simulated scene where no duration is given."""
 log: logging.Logger = logging.getLogger(__name__)
@@ -97,7 +100,9 @@ def _open_together(
     by_name = {setting.name: setting for setting in settings}
     devices = open_all(settings, clock, allow_missing=allow_missing)
     try:
-        yield Instruments(devices, clock, lambda name: registry.open_device(by_name[name], clock), free)
+        # a simulated clock would stand still while another thread opens the instrument; no cable is simulated
+        reopen = open_in_time if clock.is_real else registry.open_device
+        yield Instruments(devices, clock, lambda name: reopen(by_name[name], clock), free)
     finally:
         _close_all(devices)
 
@@ -137,22 +142,25 @@ def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
     """Open an instrument; named after 10 s, given up after its `connect_timeout_s`, in real time.
 
     Raises as `registry.open_device`, `HangingDriverError`, and `DeviceError` for whatever else its driver
-    raises. What is opened later all the same is closed at once.
+    raises. What is opened later all the same is closed at once. While `MOST_HANGING` earlier attempts have
+    not come back there is no other.
     """
     opening: Future[Device] = Future()
-    arguments = (opening, settings, clock)
-    Thread(target=_open_into, args=arguments, name=f"open-{settings.name}", daemon=True).start()
-    limit_s = settings.connect_timeout_s
+    limit_s, name = settings.connect_timeout_s, f"open-{settings.name}"
+    hanging = HangingDriverError(
+        f"its driver {settings.driver} has not come back from opening it for {limit_s:g} s",
+        place=settings.name,
+        fix="unplug the instrument and plug it in again; connect_timeout_s = ... waits longer",
+    )
+    if sum(thread.name == name for thread in enumerate_threads()) >= MOST_HANGING:
+        raise hanging
+    Thread(target=_open_into, args=(opening, settings, clock), name=name, daemon=True).start()
     try:
         if not wait([opening], min(NAMED_AFTER_S, limit_s)).done and limit_s > NAMED_AFTER_S:
             log.warning("%s: still opening it after %g s", settings.name, NAMED_AFTER_S)
             wait([opening], limit_s - NAMED_AFTER_S)
         if not opening.done():
-            raise HangingDriverError(
-                f"its driver {settings.driver} has not come back from opening it for {limit_s:g} s",
-                place=settings.name,
-                fix="unplug the instrument and plug it in again; connect_timeout_s = ... waits longer",
-            )
+            raise hanging
     except BaseException:  # given up, or interrupted
         opening.add_done_callback(_close_late)
         raise

@@ -24,7 +24,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds, times_of_day
 from fieldkit.model.mark_times import moments_of
 from fieldkit.model.samples import Sample
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.alarms import alarm_watch
@@ -270,6 +270,7 @@ class _Series:
         start_ns = session.recorder.split_ns
         assert start_ns is not None
         prepared = self._prepared
+        prepared.instruments.clock.take_anchor()
         time_ns = prepared.instruments.clock.to_utc_ns(start_ns)
         path = session_path(prepared.config, prepared.name, time_ns)
         following = self.begin(path, start_ns, previous=session.recorder)
@@ -303,7 +304,8 @@ class _Series:
             alarms=self._alarms,
             stopping=self._stopping,
             earlier=samples,
-            split_ns=self._split_ns(max(start_ns, clock.mono_ns())),
+            # by an anchor of its own a session may begin a little before the time of day at which it does
+            split_ns=self._split_ns(max(start_ns, clock.mono_ns()) + (MINUTE_NS // 2 if previous else 0)),
             previous=previous,
         )
         return _OpenSession(path, recorder, requests, followers)

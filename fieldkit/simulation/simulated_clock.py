@@ -97,6 +97,9 @@ class SimulatedClock:
         """Scene time on the monotonic scale; starts at 1000 s."""
         return self._now
 
+    def take_anchor(self) -> None:
+        """Nothing to do: simulated clocks go alike."""
+
     def to_utc_ns(self, mono_ns: int) -> int:
         """UTC nanoseconds since 1970 by the anchor of the start."""
         return mono_ns + self._utc_minus_mono_ns

@@ -5,7 +5,9 @@ import select
 import subprocess
 import sys
 
-from fieldkit.disk import one_at_a_time, replacing, sha256
+import pytest
+
+from fieldkit.disk import Patience, one_at_a_time, replacing, sha256
 from tests.harness import disk
 
 
@@ -22,6 +24,17 @@ def test_a_draft_is_on_the_disk_before_it_takes_a_place_and_its_place_after(tmp_
     changes = [(one.kind, one.path) for one in disk.read_log(tmp_path / "log", place) if one.kind in "ER"]
     assert changes == [("E", "draft"), ("R", "draft"), ("E", ".")]
     assert [(path.name, path.read_text()) for path in place.iterdir()] == [("old", "new")]
+
+
+def test_an_error_that_is_its_own_cause_is_no_disk_that_comes_back():
+    error = ValueError("no disk's")
+    error.__cause__ = error
+
+    def fail():
+        raise error
+
+    with pytest.raises(ValueError, match="no disk's"):
+        Patience()(fail)
 
 
 def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path):

@@ -30,8 +30,8 @@ def reading(second: float, quality: Quality = Quality.GOOD, stream: str = "lux")
     return Reading(stream, *at(second), (1.0,), quality=quality)
 
 
-def health(second: float, rejected: int = 0) -> Health:
-    return Health(*at(second), (StreamHealth("lux", 0, 0, 0, rejected=rejected),), 10**12)
+def health(second: float, rejected: int = 0, queued: int = 0) -> Health:
+    return Health(*at(second), (StreamHealth("lux", 0, 0, queued, rejected=rejected),), 10**12)
 
 
 def event(second: float, kind: EventKind, severity: Severity = Severity.WARNING, **data: object) -> Event:
@@ -71,6 +71,13 @@ def test_no_news_is_an_alarm_and_the_first_sample_ends_it():
     items = [*every_second(0, 10), *map(health, range(10, 60)), *every_second(60, 70)]
     found = [one for one in run(items) if one[0] == "silent:lux"]
     assert found == [("silent:lux", "raised", 9.5 + 30 + 1), ("silent:lux", "cleared", 60.5)]
+
+
+def test_samples_that_wait_to_be_stored_are_no_silence():
+    """The disk stands still for 40 s; what was queued meanwhile is stored in the 9 s after."""
+    backlog = [health(50, queued=40), *map(reading, range(10, 30)), health(55, queued=20)]
+    items = [*every_second(0, 10), *backlog, *map(reading, range(30, 59)), *every_second(59, 80)]
+    assert "silent:lux" not in {name for name, *_ in run(items)}
 
 
 def test_a_stream_that_never_delivers_is_an_alarm_too():

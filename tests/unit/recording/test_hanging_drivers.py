@@ -4,11 +4,14 @@ import json
 import re
 import threading
 import time
+from collections import Counter
 
 import pytest
 import tomlkit
 
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings, StreamInfo
+from fieldkit.model.errors import DeviceLostError
 from fieldkit.model.samples import EventKind, Quality, Reading
 from fieldkit.recording import opening
 from fieldkit.recording.campaign import init_campaign
@@ -18,6 +21,7 @@ from tests.harness.plugins import install
 
 FAILURES = {"exits": SystemExit(3), "interrupts": KeyboardInterrupt(), "generates": GeneratorExit()}
 TROUBLES = ("hangs", *FAILURES)
+openings = Counter()
 released = threading.Event()
 """Ends what hangs."""
 
@@ -30,11 +34,16 @@ class Meter:
     def __init__(self, settings, clock):
         self.info = StreamInfo(settings.name, "illuminance", "lx", (1,), rate_hz=20.0)
         self.trouble, self.clock = settings.options["trouble"], clock
+        openings[settings.name] += 1
+        self.opening = openings[settings.name]
         self.fail("open")
         self.readings = 0
 
     def fail(self, call):
-        if self.trouble == f"{call} hangs":
+        if self.trouble == "lost" and (call, self.opening) == ("read", 1):
+            raise DeviceLostError("unplugged")
+        hangs_once_lost = self.trouble == "lost" and (call, self.opening) in (("close", 1), ("open", 2))
+        if hangs_once_lost or self.trouble == f"{call} hangs":
             released.wait(60.0)
         elif str(self.trouble).startswith(call):
             raise FAILURES[self.trouble.split()[1]]
@@ -68,6 +77,7 @@ def record(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(opening, "NAMED_AFTER_S", 0.1)
     released.clear()
+    openings.clear()
 
     def command(troubles, *words):
         options = {name: {"options": {"trouble": trouble}} for name, trouble in troubles.items()}
@@ -94,6 +104,23 @@ def test_recording_begins_without_an_instrument_whose_driver_hangs(record):
     counts = json.loads(record({"good": "", "bad": "open hangs"}, "--allow-missing").stdout)["counts"]
     assert counts.keys() == {"good"}
     assert counts["good"] > 0
+
+
+def test_instrument_is_opened_again_although_its_driver_hung_in_closing_and_opening_it(record):
+    document = json.loads(record({"meter": "lost", "good": ""}, "--for", "8s").stdout)
+    with open_session(document["session"]) as session:
+        (back,) = (event for event in session.events() if event.kind is EventKind.BACK)
+        assert back.stream == "meter"
+        assert session["meter"].times_ns()[-1] > back.time_ns
+    assert openings["meter"] == 3
+
+
+def test_drivers_that_hang_are_not_called_again_and_again(record):
+    settings = DeviceSettings("meter", "troubled", options={"trouble": "open hangs"}, connect_timeout_s=0.1)
+    for _ in range(opening.MOST_HANGING + 2):
+        with pytest.raises(opening.HangingDriverError):
+            opening.open_in_time(settings, HostClock())
+    assert openings["meter"] == opening.MOST_HANGING
 
 
 STAMPS = {"beyond": 2**62, "never": float("nan")}

@@ -16,11 +16,13 @@ from fieldkit.config.edit import remove_region
 from fieldkit.model.durations import times_of_day
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
 from fieldkit.model.samples import EventKind, Frame, Severity
+from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.request_reader import recover_session
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
+from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.page import served
 
 FASTEST = ("simulation.speed=max", 'record.sampling="all"')
@@ -141,6 +143,25 @@ def test_a_session_that_cannot_be_sealed_is_an_event_of_the_next(tmp_path):
     assert (first.state, second.state) == ("interrupted", "sealed")
     (failure,) = [event for event in second.events() if event.kind is EventKind.DISK]
     assert failure.severity is Severity.ERROR
+
+
+def test_each_session_has_an_anchor_of_its_own(tmp_path, monkeypatch):
+    """The system clock goes wrong by a second and is found so when the next session begins."""
+    fieldkit.init_campaign(tmp_path, simulated=True)
+    config = load_config(tmp_path / "fieldkit.toml", settings=(*FASTEST, "record.split=2m"))
+
+    def step(clock):
+        clock._utc_minus_mono_ns -= SECOND_NS
+
+    monkeypatch.setattr(SimulatedClock, "take_anchor", step)
+    fieldkit.record(config, duration=DURATION)
+    sessions = [open_session(path) for path in sessions_in(config.recordings)]
+    assert sessions[0].anchor_ns - sessions[1].anchor_ns == SECOND_NS
+    for session in sessions:
+        for entry in [*session.samples(), *session.events(), *session.health()]:
+            assert entry.time_ns - entry.mono_ns == session.anchor_ns
+        assert not any(session.flags(name).any() for name in ("lux", "thermometer"))
+        session.close()
 
 
 KILLED = """
