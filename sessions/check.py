@@ -87,6 +87,8 @@ def integrity_findings(session: SessionReader) -> Iterator[Finding]:
             yield _fail(path, reason, _COPY)
     if not any(reasons.values()):
         yield _ok("header", f"{len(sealed)} objects are as they were sealed")
+    for name, count in session.missing_corrections.items():
+        yield _fail(name, f"{count} corrections that were added later are gone", _COPY)
 
 
 def _fault_of(session: SessionReader, path: str, digest: str) -> str:

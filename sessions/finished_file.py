@@ -20,10 +20,11 @@ from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event
 from fieldkit.model.units import SECOND_NS
+from fieldkit.sessions.digests import set_attribute
 from fieldkit.sessions.entry_rows import Row, row_of, stored_column, stored_details
 from fieldkit.sessions.file_tree import put_columns, put_group
 from fieldkit.sessions.guarded_file import GuardedFile
-from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, TIME_MAP_COLUMNS, Column
+from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, TIME_MAP_COLUMNS, Column, added_rows
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stored import columns_of
 from fieldkit.sessions.time_map import TimeStep, row_crc32s
@@ -77,6 +78,7 @@ def _append(group: h5py.Group, columns: Sequence[Column], rows: Sequence[Row]) -
     for name, dataset in columns_of(group, columns).items():
         dataset.resize((old + len(rows),))
         dataset[old:] = stored[name]
+    set_attribute(group.file, added_rows(group.name), old + len(rows))
 
 
 # --- corrections of marks

@@ -70,13 +70,14 @@ class GuardedDisk(io.RawIOBase):
         """Offset of the last write of each size: where a chunk that was just written lies."""
         self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         self._patience = Patience()
-        self._position, self._size = 0, os.fstat(self._descriptor).st_size
-        self._begun = self._size
+        self._position = 0
+        self.size: int = os.fstat(self._descriptor).st_size
+        self._begun = self.size
         self._unwritten: list[tuple[int, bytes]] = []
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move; returns the new position."""
-        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self.size}[whence]
         self._position = base + offset
         return self._position
 
@@ -102,17 +103,17 @@ class GuardedDisk(io.RawIOBase):
             self._unwritten.append((at, bytes(data)))
         self.places[size] = at
         self._position = at + size
-        self._size = max(self._size, self._position)
-        if self._size - self._begun >= BEGIN_BYTES:
-            begin_sync(self._descriptor, self._begun, self._size - self._begun)
-            self._begun = self._size
+        self.size = max(self.size, self._position)
+        if self.size - self._begun >= BEGIN_BYTES:
+            begin_sync(self._descriptor, self._begun, self.size - self._begun)
+            self._begun = self.size
         return size
 
     def truncate(self, size: int | None = None) -> int:
         """Cut off or extend; the size is always given."""
-        self._size = size or 0
-        self._ask(lambda: os.ftruncate(self._descriptor, self._size))
-        return self._size
+        self.size = size or 0
+        self._ask(lambda: os.ftruncate(self._descriptor, self.size))
+        return self.size
 
     def _ask(self, act: Callable[[], Any]) -> Any:
         if self.error is None:

@@ -76,10 +76,8 @@ class JournalReader:
         for identity in self._stated:
             streams = identity.header.streams
             in_file = self._in_file.header.streams if self._in_file else streams
-            pairs = zip(streams, samples, strict=False)
-            if _sizes(streams) == _sizes(in_file) and all(
-                row is None or row.sample(info) for info, row in pairs
-            ):
+            fits = all(row is None or row.sample(info) for info, row in zip(streams, samples, strict=False))
+            if fits and _sizes(streams) == _sizes(in_file):
                 self.identity = identity
                 return
         raise SessionError("declares samples of other sizes than it holds", place=self.folder)

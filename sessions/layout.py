@@ -333,6 +333,11 @@ TIME_MAP_COLUMNS = (
 """Corrections of the clock, written afterwards."""
 
 
+def added_rows(group: str) -> str:
+    """The attribute of the file that says how many rows of a group were added since it was sealed."""
+    return f"{group.strip('/')}_rows"
+
+
 def _estimate_columns() -> list[Column]:
     return [
         _TIME,

@@ -374,6 +374,14 @@ class SessionReader:
         self.require_open()
         return list(self._times.steps)
 
+    @property
+    def missing_corrections(self) -> dict[str, int]:
+        """Number of rows by group that were added since the seal and are gone."""
+        steps, events = len(self.group("time_map")["time"]), len(self._later_events())
+        there = {"time_map": steps, layout.LATER_EVENTS: events}
+        added = {name: int(self._file.attrs.get(layout.added_rows(name), 0)) for name in there}
+        return {name: added[name] - count for name, count in there.items() if added[name] > count}
+
     def sealed_objects(self) -> dict[str, str]:
         """Digests of the file's objects by their paths, as sealed."""
         with self._explaining():

@@ -24,19 +24,8 @@ from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
 from fieldkit.model.site import RegionRecord as RegionRecord
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.sessions import sample_fields
 from fieldkit.sessions.json_forms import build
-from fieldkit.sessions.sample_fields import (
-    STAMPS_BYTES,
-    Stamps,
-    from_journal,
-    of_frame,
-    of_reading,
-    stamps_of,
-    to_columns,
-    to_journal,
-    with_stamps,
-    with_stored,
-)
 
 _NAN = float("nan")
 
@@ -105,12 +94,12 @@ def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
     The same value stands in the journal and in the file, so a changed bit anywhere in a
     sample is noticed.
     """
-    return with_stamps(crc32(more, crc32(data)), stamps_of(sample))
+    return sample_fields.with_stamps(crc32(more, crc32(data)), sample_fields.stamps_of(sample))
 
 
 def stored_crc32s(columns: Mapping[str, AnyArray], bodies: Iterable[tuple[AnyArray, AnyArray]]) -> FlagArray:
     """`sample_crc32` of stored rows, from their columns and what was measured and came with it in each."""
-    return with_stored([crc32(more.data, crc32(data.data)) for data, more in bodies], columns)
+    return sample_fields.with_stored([crc32(more.data, crc32(data.data)) for data, more in bodies], columns)
 
 
 # --- samples in the journal
@@ -120,7 +109,7 @@ def encode_sample(sample: Sample) -> tuple[tuple[bytes, memoryview, memoryview],
     """A sample as the journal keeps it, in parts, and its checksum; its number is the record's."""
     data, more = sample_bytes(sample)
     crc = sample_crc32(sample, data, more)
-    return (to_journal(stamps_of(sample), crc, len(data)), data, more), crc
+    return (sample_fields.to_journal(sample_fields.stamps_of(sample), crc, len(data)), data, more), crc
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +118,7 @@ class SampleRow:
 
     stream: int
     seq: int
-    stamps: Stamps
+    stamps: sample_fields.Stamps
     crc32: int
     data: bytes | None = None
     more: bytes | None = None
@@ -137,9 +126,9 @@ class SampleRow:
     @classmethod
     def decode(cls, stream: int, seq: int, payload: bytes) -> SampleRow:
         """Sample that `encode_sample` wrote, or its stamps alone; raises `ValueError` for other bytes."""
-        stamps, crc, size = from_journal(payload, seq)
+        stamps, crc, size = sample_fields.from_journal(payload, seq)
         row = cls(stream, seq, stamps, crc)
-        body = payload[STAMPS_BYTES:]
+        body = payload[sample_fields.STAMPS_BYTES :]
         return replace(row, data=body[:size], more=body[size:]) if body else row
 
     def sample(self, info: StreamInfo) -> Sample | None:
@@ -155,14 +144,14 @@ class SampleRow:
 
     def columns(self) -> dict[str, Any]:
         """Values of the sample in the session file's columns."""
-        return {**to_columns(self.stamps), "crc32": self.crc32}
+        return {**sample_fields.to_columns(self.stamps), "crc32": self.crc32}
 
 
-def build_sample(info: StreamInfo, stamps: Stamps, data: bytes, more: bytes) -> Sample:
+def build_sample(info: StreamInfo, stamps: sample_fields.Stamps, data: bytes, more: bytes) -> Sample:
     """A sample from its stored bytes; raises `ValueError` if they do not fill what was declared."""
     if info.is_camera:
         counts = np.frombuffer(data, "<u2").reshape(info.shape)
         rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
-        return Frame(info.name, counts=counts, metadata_rows=rows, **of_frame(stamps))
+        return Frame(info.name, counts=counts, metadata_rows=rows, **sample_fields.of_frame(stamps))
     values = np.frombuffer(data, "<f8").reshape(info.shape)
-    return Reading(info.name, values=tuple(values.tolist()), raw=more, **of_reading(stamps))
+    return Reading(info.name, values=tuple(values.tolist()), raw=more, **sample_fields.of_reading(stamps))

@@ -22,13 +22,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from fieldkit.disk import Patience, put_in_place
-from fieldkit.model.errors import (
-    IntegrityError,
-    RefusedError,
-    SessionError,
-    StorageError,
-    message_of,
-)
+from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError, message_of
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.sessions.chunks import PackedBlock

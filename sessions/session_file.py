@@ -73,10 +73,7 @@ class SessionFile:
     @property
     def bytes_written(self) -> int:
         """Size of the file."""
-        try:
-            return self.path.stat().st_size
-        except OSError:
-            return 0
+        return self._guarded.disk.size
 
     def put(self, record: Record, crc32: int | None = None) -> list[Chunk]:
         """Take a record, with its checksum where that is known; returns the chunks written for it."""

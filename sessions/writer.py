@@ -27,16 +27,9 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.disk import Patience, sync
+from fieldkit.model import errors
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import (
-    FieldkitError,
-    IntegrityError,
-    RefusedError,
-    SessionError,
-    StorageError,
-    message_of,
-)
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
@@ -90,11 +83,9 @@ class SessionWriter:
         try:
             Patience()(self._make_all)
         except FileExistsError as error:
-            raise RefusedError(
-                "exists already", place=self.path, fix="give the session another name"
-            ) from error
+            raise errors.RefusedError("exists already", place=self.path, fix="take another name") from error
         except (OSError, RuntimeError) as error:
-            raise StorageError(
+            raise errors.StorageError(
                 f"cannot be begun: {getattr(error, 'strerror', None) or error}",
                 place=self.path,
                 fix="choose a folder that can be written and has room",
@@ -174,7 +165,7 @@ class SessionWriter:
 
     def _store(self, record: Record) -> None:
         if self.is_closed:
-            raise SessionError("closed", place=self.path)
+            raise errors.SessionError("closed", place=self.path)
         number, crc32 = self._journal.append(record)
         self._syncer.grown()
         self._file_thread.offer(number, record, crc32)
@@ -196,7 +187,7 @@ class SessionWriter:
             try:
                 complete = self._finish_file(self.utc_ns(self._clock.mono_ns()))
                 self._report = Patience()(partial(self._seal, complete))
-            except (OSError, RuntimeError, FieldkitError, ValueError, OverflowError) as error:
+            except (OSError, RuntimeError, errors.FieldkitError, ValueError, OverflowError) as error:
                 raise self._not_sealed(error) from error
             finally:
                 self._session_lock.release()
@@ -233,7 +224,7 @@ class SessionWriter:
     def _seal(self, complete: bool) -> SealReport:
         if not self._journal.is_there():
             self._folder.mkdir(exist_ok=True)  # so that it is seen to be interrupted
-            raise IntegrityError("its journal was deleted while it was recorded", place=self.path)
+            raise errors.IntegrityError("its journal was deleted while it was recorded", place=self.path)
         with JournalReader(self._folder) as journal:
             if complete:
                 return seal(self.path, journal_crc32s(journal), SEALED)
@@ -241,14 +232,14 @@ class SessionWriter:
 
         return rebuild(self.path, SEALED)[0]
 
-    def _not_sealed(self, error: Exception) -> StorageError:
-        text = f"could not be sealed: {message_of(error)}"
+    def _not_sealed(self, error: Exception) -> errors.StorageError:
+        text = f"could not be sealed: {errors.message_of(error)}"
         if not self._journal.is_there():
-            return StorageError(
+            return errors.StorageError(
                 text, place=self.path, fix=Action.RECOVER(self.path) + " finishes it from its file"
             )
         fix = "see that there is free space, then: " + Action.RECOVER(self.path)
-        return StorageError(f"{text}; its journal is kept", place=self.path, fix=fix)
+        return errors.StorageError(f"{text}; its journal is kept", place=self.path, fix=fix)
 
     def _finish_file(self, end_ns: int) -> bool:
         """Complete the file; False if it must be made again from the journal."""
@@ -258,7 +249,7 @@ class SessionWriter:
                 self._file_thread.file.finish(end_ns)
                 return True
         except (OSError, RuntimeError) as error:
-            log.warning("the session file could not be completed: %s", message_of(error))
+            log.warning("the session file could not be completed: %s", errors.message_of(error))
         finally:
             self._file_thread.close()
         return False
@@ -267,7 +258,7 @@ class SessionWriter:
         """An event of the writer's own; dropped where even the journal is full."""
         now = self._clock.mono_ns()
         event = Event(EventKind.DISK, now, self.utc_ns(now), text, "", Severity.ERROR)
-        with contextlib.suppress(StorageError, SessionError):
+        with contextlib.suppress(errors.StorageError, errors.SessionError):
             self.put(event)
 
 

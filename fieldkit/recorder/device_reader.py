@@ -278,8 +278,10 @@ class DeviceReader:
         mono_ns = sample.mono_ns if is_inside else now_ns
         if self._last is not None:
             mono_ns = max(mono_ns, self._last.mono_ns)
-        flags = Quality.GOOD if mono_ns == sample.mono_ns else Quality.INTERPOLATED
         time_ns = self._clock.to_utc_ns(mono_ns)
+        # the next session of a split recording may have taken its anchor since
+        is_as_stamped = mono_ns == sample.mono_ns and abs(sample.time_ns - time_ns) < SECOND_NS
+        flags = Quality.GOOD if is_as_stamped else Quality.INTERPOLATED
         return sample._replace(mono_ns=mono_ns, time_ns=time_ns, quality=sample.quality | flags)
 
     def _deadline_s(self) -> float:

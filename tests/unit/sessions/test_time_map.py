@@ -22,7 +22,8 @@ from fieldkit.results.export import export
 from fieldkit.results.session import Session, Stream
 from fieldkit.results.session import open_session as open_whole
 from fieldkit.sessions.check import check
-from fieldkit.sessions.finished_file import apply_time_map, changing_path
+from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.finished_file import add_later_events, apply_time_map, changing_path
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
@@ -34,7 +35,7 @@ from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.learnt import learnt
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import CountedClock, header, sample
+from tests.harness.recording import CountedClock, fill, header, sample
 
 S = 1_000_000_000
 HEADER = header((24, 32))
@@ -196,7 +197,7 @@ OTHERWISE = {"stream", "export", "plot", "estimate", "slope_map", "report", "tak
 """Tested below, and in `tests/unit/results/test_from_python.py` and `test_corrected_marks.py`."""
 WITHOUT_TIMES = {
     "check", "clock_checks", "close", "columns_are_sealed", "config_toml", "count", "damaged", "flags",
-    "group", "has_corrected_marks", "identity", "is_closed", "kelvin", "name",
+    "group", "has_corrected_marks", "identity", "is_closed", "kelvin", "missing_corrections", "name",
     "object_digest", "provenance", "raw", "refresh", "regions", "require_finished", "require_open",
     "sealed_objects", "tables", "time_map", "was_finished",
 }  # fmt: skip
@@ -270,3 +271,21 @@ def test_every_export_has_corrected_times(corrected_and_right, kind, tmp_path):
     assert corrected
     for one, other in zip(corrected, right, strict=True):
         assert contents(one) == contents(other), one.name
+
+
+@pytest.mark.parametrize("removed", ["later_events", "time_map"])
+def test_corrections_that_were_removed_again_are_found(tmp_path, removed):
+    path, clock = tmp_path / "a.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 10, clock)
+    writer.close()
+    add_later_events(path, [Event(EventKind.MARK, 0, 0, "seen later")])
+    apply_time_map(path, [TimeStep(0, 10**9, "a test")])
+    assert not [finding for finding in check(path) if finding.level == "fail"]
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        if removed == "later_events":
+            del file["later_events"]
+        else:
+            for column in file["time_map"].values():
+                column.resize((0,))
+    assert [finding.what for finding in check(path) if finding.level == "fail"] == [removed]
