@@ -11,6 +11,7 @@ import difflib
 import importlib
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
@@ -98,8 +99,9 @@ def needs(name: str) -> Mapping[str, Sequence[str]]:
 
 def noise_k(name: str) -> float:
     """Noise of a pixel in one frame of the driver's camera, by its maker's figure, K; NaN without."""
-    figure: float = getattr(get(name), "noise_k", math.nan)
-    return figure
+    with suppress(ConfigError):  # of a driver that is not installed here
+        return float(getattr(get(name), "noise_k", math.nan))
+    return math.nan
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:

@@ -22,6 +22,8 @@ MOST_OF_FRAME = 0.9
 """A region that covers more of the frame than this sees more than one bed."""
 COLS_OF_ONE = 160
 """Frames of fewer have pixels wider than a lens's blur: one at an edge sees two surfaces, else two do."""
+MOST_SPREAD_K = 2.0
+"""A larger standard deviation inside is a warning: beds of sand have a tenth of a kelvin."""
 UNEVEN_EDGE_K = 1.0
 CLEAN_EDGE_K = 0.2
 """A larger edge difference is a warning; shrinking should bring it below the smaller value."""
@@ -192,6 +194,8 @@ def _check_evenness(
         inspection.shrink_px = pixels = rims.pixels_to_shrink()
         advice = f"shrink it by {pixels} px" if pixels else "draw it smaller"
         inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: {advice}")
+    elif inspection.spread_k > MOST_SPREAD_K:
+        inspection.warnings.append(f"its pixels spread by {inspection.spread_k:.1f} K, not one bed")
 
 
 class _Rims:

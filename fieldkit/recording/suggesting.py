@@ -84,7 +84,7 @@ def suggestions_in(
     reference = min(beds, key=lambda bed: bed.contrast_k) if wants_reference else None
     names = {region.name for region in present}
     free = (name for number in count(1) if (name := f"bed-{number}") not in names)
-    level = "flat" if "flat" not in names else next(free)
+    level = next(free) if wants_reference and "flat" in names else "flat"
     suggestions = [
         SuggestedRegion(_outline(level if bed is reference else next(free), bed, bed is reference), bed)
         for bed in beds

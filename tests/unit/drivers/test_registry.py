@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from math import nan
 
 import pytest
 
@@ -74,3 +75,10 @@ def test_listing_the_names_loads_no_driver():
     )
     reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert reply.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("name", "noise_k"), [("purethermal", 0.1), ("mlx90640", 0.2), ("lutron", nan), ("nobody", nan)]
+)
+def test_the_noise_of_a_camera_is_its_drivers_figure(name, noise_k):
+    assert registry.noise_k(name) == pytest.approx(noise_k, nan_ok=True)

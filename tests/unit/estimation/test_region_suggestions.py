@@ -13,6 +13,7 @@ from fieldkit.estimation.region_check import CameraView, check_region
 from fieldkit.estimation.region_suggestions import find_beds
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.recording.suggesting import suggestions_in
 from tests.shared_data import shared
 
 NOTHING = Score(0, 0, 0, 0, 0, 0)
@@ -53,6 +54,13 @@ def test_beds_are_in_reading_order_inset_and_usable_as_regions():
     for bed in beds:
         region = Region("bed", RegionKind.TARGET, bed.points_px)
         assert check_region(region, CameraView(frame.shape, frame)).level == "ok"
+
+
+def test_beds_beside_a_reference_are_numbered_from_one():
+    flat = Region("flat", RegionKind.REFERENCE, ((22, 62), (58, 62), (58, 98), (22, 98)), tilt_deg=0.0)
+    frame = field((90, 60, 140, 100, 3.0), (20, 20, 60, 50, -2.0), (20, 60, 60, 100, 1.0))
+    found = {suggestion.region.name: suggestion.region.kind for suggestion in suggestions_in(frame, [flat])}
+    assert found == {"bed-1": RegionKind.TARGET, "bed-2": RegionKind.TARGET}
 
 
 def test_a_larger_frame_has_the_same_beds_in_its_own_pixels():

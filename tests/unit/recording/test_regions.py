@@ -108,6 +108,16 @@ def test_one_region_alone_gets_the_verdict_that_it_gets_among_the_others():
     assert [one.document() for one in alone] == [one.document() for one in among]
 
 
+def test_a_region_over_two_beds_is_a_warning():
+    """Whose rim is no different from its inside: 20 pixels of 300 K beside 20 of 310 K."""
+    frame = np.full((60, 160), 300.0)
+    frame[:, 40:] = 310.0
+    (warning,) = check_region(
+        region("both", (20, 20), (59, 20), (59, 39), (20, 39)), CameraView(frame.shape, frame)
+    ).warnings
+    assert "5.0 K" in warning
+
+
 def test_a_region_over_the_whole_frame_is_a_warning():
     whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
     (inspection,) = check_regions([whole], {"": LEPTON})
