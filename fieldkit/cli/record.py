@@ -116,7 +116,7 @@ def _detach(config: Config, options: RecordOptions) -> None:
 
     recorder = BackgroundRecording(config.directory, options)
     try:
-        session = recorder.await_start(config.recordings)
+        session = recorder.await_start(config)
         for line in recorder.warnings():
             common.say(line)
     finally:

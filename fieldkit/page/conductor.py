@@ -123,7 +123,7 @@ class Conductor:
             self._forget_child()
             child = BackgroundRecording(self.config.directory, options)
             self._child = child
-        session = child.await_start(self.config.recordings)
+        session = child.await_start(self.config)
         assert session is not None  # it was not told to wait for a time
         return session
 

@@ -13,11 +13,13 @@ from typing import IO, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from fieldkit.config import Config
 from fieldkit.model.errors import RefusedError
 from fieldkit.recording.running import LOOK_EVERY_S, session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 
 STARTS_WITHIN_S = 60.0
+"""And each instrument's `connect_timeout_s`, after which one that hangs is given up."""
 
 
 class RecordOptions(BaseModel):
@@ -72,12 +74,14 @@ class BackgroundRecording:
         """The process's exit code, None while it runs."""
         return self._process.poll()
 
-    def await_start(self, recordings: Path) -> Path | None:
+    def await_start(self, config: Config) -> Path | None:
         """The session once it is recorded; None once its recorder waits for its time.
 
         Raises `RefusedError` with what the recorder said, or if it takes more than `STARTS_WITHIN_S`.
         """
-        deadline = time.monotonic() + STARTS_WITHIN_S
+        recordings = config.recordings
+        limit_s = STARTS_WITHIN_S + sum(device.connect_timeout_s for device in config.devices)
+        deadline = time.monotonic() + limit_s
         while time.monotonic() < deadline:
             if self.has_ended:
                 raise self._failure()
@@ -87,7 +91,7 @@ class BackgroundRecording:
             if waiting_recorder(recordings) == self.pid:
                 return None
             time.sleep(LOOK_EVERY_S)
-        raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
+        raise RefusedError(f"no recording began within {limit_s:.0f} s", fix="look at the instruments")
 
     def warnings(self) -> list[str]:
         """Its warnings so far, such as of a calibration that is too old."""

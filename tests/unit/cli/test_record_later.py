@@ -3,16 +3,21 @@
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
+from fieldkit.config import load_config
+from fieldkit.model.errors import RefusedError
+from fieldkit.recording import background
 from fieldkit.recording.running import session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 from fieldkit.sessions.reader import open_session
 from tests.harness.page import served
+from tests.harness.waiting import wait_until
 
 
 @pytest.fixture
@@ -56,6 +61,20 @@ def test_a_detached_recording_goes_on_until_it_is_stopped(campaign):
     assert run(campaign, "stop").exit_code == 0
     with open_session(session) as stored:
         assert stored.state == "sealed"
+
+
+@pytest.mark.parametrize(("connect_s", "begins"), [(30.0, True), (0.01, False)])
+def test_the_start_is_awaited_as_long_as_instruments_may_take(campaign, monkeypatch, connect_s, begins):
+    monkeypatch.setattr(background, "STARTS_WITHIN_S", 0.0)
+    settings = [f"{name}.connect_timeout_s={connect_s}" for name in ("camera", "lux", "thermometer")]
+    config = load_config(campaign / "fieldkit.toml", settings=settings)
+    recording = background.BackgroundRecording(campaign, background.RecordOptions())
+    with nullcontext() if begins else pytest.raises(RefusedError):
+        assert recording.await_start(config).parent == config.recordings
+    wait_until(lambda: session_in_progress(config.recordings), "it does not begin")
+    run(campaign, "stop")
+    wait_until(lambda: recording.has_ended, "it does not end")
+    recording.forget()
 
 
 def test_a_recording_that_waits_is_shown_and_called_off(campaign):

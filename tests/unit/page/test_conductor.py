@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.config import load_config
+from fieldkit.config import Config, load_config
 from fieldkit.config.edit import editing, remove_region
 from fieldkit.model.errors import RefusedError
 from fieldkit.page import conductor
@@ -26,8 +26,8 @@ class SlowToBegin:
     def __init__(self, campaign: Path, options: RecordOptions) -> None:
         time.sleep(0.2)  # as on a small computer
 
-    def await_start(self, recordings: Path) -> Path:
-        return recordings / "day.h5"
+    def await_start(self, config: Config) -> Path:
+        return config.recordings / "day.h5"
 
 
 @pytest.fixture
