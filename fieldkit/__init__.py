@@ -8,6 +8,7 @@ Everything that the command line does is a function here. Nothing heavy is impor
 """
 
 from importlib import import_module as _import_module
+from inspect import isfunction as _isfunction
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from fieldkit.model.version import __version__ as __version__
@@ -91,6 +92,8 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module 'fieldkit' has no attribute {name!r}{hint}")
     module = _import_module(_MODULE_OF[name])
     value = _import_module(f"{module.__name__}.{name}") if name == "calibrate" else getattr(module, name)
+    if _isfunction(value):
+        value = _import_module("fieldkit.model.door").checked(value)
     globals()[name] = value
     return value
 

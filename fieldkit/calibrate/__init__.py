@@ -14,6 +14,7 @@ from fieldkit.calibrate.pose import pose
 from fieldkit.calibrate.result import Calibration
 from fieldkit.calibrate.surface import surface
 from fieldkit.calibrate.uniformity import uniformity
+from fieldkit.model.door import checked as _checked
 
 __all__ = [
     "Calibration",
@@ -30,3 +31,6 @@ __all__ = [
     "uniformity",
     "write_horizon",
 ]
+
+for _name in __all__[2:]:
+    globals()[_name] = _checked(globals()[_name])

@@ -25,6 +25,7 @@ from fieldkit.calibration.ranges import TEMPERATURE_C, require_ranges
 from fieldkit.calibration.steady_pairs import Readings
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
+from fieldkit.model.door import checked
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.limits import bounds_by_name
 from fieldkit.model.next_step import Action, Argument
@@ -42,6 +43,7 @@ NOT_MEASURED_K = 150.0
 _Unit = Literal["C", "F"]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class MeasurementOptions:
     """Method of an emissivity measurement, and the uncertainty of each part.

@@ -20,11 +20,10 @@ def parse_duration(text: str) -> float:
 
     Raises `ConfigError` for anything else, also for a number without any unit or more than a hundred years.
     """
-    text = text.replace("min", "m")
-    if not re.fullmatch(r"(\d+(\.\d+)?[dhms])+((?<!s)\d+(\.\d+)?)?", text):
+    if not re.fullmatch(r"(\d+(\.\d+)?(min|[dhms]))+((?<!s)\d+(\.\d+)?)?", text):
         raise ConfigError("is not a valid duration", place=repr(text), fix=EXAMPLES)
     total, last_unit = 0.0, ""
-    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([dhms]?)", text):
+    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([dhms]?)", text.replace("min", "m")):
         total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
         last_unit = unit
     if total > LONGEST_S:

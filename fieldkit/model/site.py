@@ -10,20 +10,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
+from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import NumberedEnum
+from fieldkit.model.spelling import did_you_mean
 
 EARTH_RADIUS_M = 6_371_000.0
 ELEVATIONS_M = (-10_000.0, 25_000.0)
 """From the deepest ground of the three worlds to above the highest, the summit of Olympus Mons on Mars."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Site:
     """A place on the Earth, Mars or the Moon (`body`).
@@ -44,6 +47,16 @@ class Site:
     timezone: str = "UTC"
     body: str = "earth"
 
+    def __post_init__(self) -> None:
+        for name, (low, high), fix in (
+            ("latitude_deg", (-90.0, 90.0), "give latitude first, then longitude, in degrees"),
+            ("longitude_deg", (-180.0, 180.0), "give the longitude in degrees, east positive"),
+            ("elevation_m", ELEVATIONS_M, "give the elevation in metres"),
+        ):
+            if not low <= (value := getattr(self, name)) <= high:
+                what = f"{value:g} is not within {low:g} to {high:g}"
+                raise ConfigError(what, place=Argument(name), fix=fix)
+
 
 def zone_by_longitude(longitude_deg: float) -> str:
     """IANA zone of whole hours from Greenwich nearest to a longitude."""
@@ -54,21 +67,19 @@ def zone_by_longitude(longitude_deg: float) -> str:
 
 def as_site(site: Site | Sequence[float]) -> Site:
     """The site, or that of latitude, longitude and elevation in its zone; raises `ConfigError`."""
-    if isinstance(site, Site):
-        return site
-    if not 2 <= len(site) <= 3:
-        raise _not_a_site(site, "give latitude, longitude and elevation")
-    latitude_deg, longitude_deg = site[:2]
-    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-        raise _not_a_site(site, "give latitude first, then longitude, in degrees")
-    elevation_m = site[2] if len(site) == 3 else 0.0
-    if not ELEVATIONS_M[0] <= elevation_m <= ELEVATIONS_M[1]:
-        raise _not_a_site(site, "give the elevation in metres")
-    return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
-
-
-def _not_a_site(site: Sequence[float], fix: str) -> ConfigError:
-    return ConfigError(f"{site!r} is not a site", place=Argument("site"), fix=fix)
+    if not isinstance(site, Site):
+        if not 2 <= len(site) <= 3:
+            fix = "give latitude, longitude and elevation"
+            raise ConfigError(f"{site!r} is not a site", place=Argument("site"), fix=fix)
+        try:
+            latitude_deg, longitude_deg, *elevation_m = site
+            return with_zone(Site(latitude_deg, longitude_deg, *elevation_m), None)  # type: ignore[arg-type]
+        except ConfigError as error:
+            raise ConfigError(error.explanation, place=Argument("site"), fix=error.fix) from error
+    if known_zone(site.timezone) is None:
+        fix = did_you_mean(site.timezone, available_timezones())
+        raise ConfigError(f"unknown time zone {site.timezone!r}", place=Argument("timezone"), fix=fix)
+    return site
 
 
 def apart_m(one: Site, other: Site) -> float:
@@ -100,6 +111,7 @@ class RegionKind(NumberedEnum):
     TARGET = 1
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Region:
     """A named polygon of the frame.

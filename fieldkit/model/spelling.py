@@ -17,4 +17,4 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """``did you mean camera?``, or else the names there are."""
     listed = list(names)
     near = nearest(name, listed)
-    return f"did you mean {near}?" if near else f"available: {', '.join(listed) or 'none'}"
+    return f"did you mean {near}?" if near else f"available: {', '.join(listed[:50]) or 'none'}"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.subsolar import SOL_S, mars_subsolar, moon_subsolar
 
@@ -145,6 +146,6 @@ def body_of(site: Site) -> Body:
         raise ConfigError(
             f"no model of the sun and the ground of {site.body!r}",
             place="site.body",
-            fix=f"set site.body to one of {', '.join(BODIES)}",
+            fix=did_you_mean(site.body, BODIES),
         )
     return body

@@ -19,6 +19,7 @@ from fieldkit.config import (
 from fieldkit.config.edit import editing
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 from fieldkit.drivers.instrument import Instrument
+from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, zone_by_longitude
@@ -68,6 +69,7 @@ class Sessions(Sequence[Session]):
         return f"<{len(self)} sessions: {', '.join(path.stem for path in self.paths)}>"
 
 
+@checked
 @dataclass
 class Campaign:
     """A campaign folder: its configuration as it is now, and its recordings by age.

@@ -17,6 +17,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import components_named, is_air_temperature
 from fieldkit.model.clock import utc_ns
+from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import RegionKind, Site, as_site
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@checked
 @dataclass(frozen=True)
 class PlanOptions:
     """Assumptions of a plan: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.

@@ -15,6 +15,7 @@ from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.config.template import PAPER_SITE
 from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.limits import changed_rows
 from fieldkit.model.next_step import Action, Argument, Sentence
@@ -65,6 +66,7 @@ NEAR_M = 2000.0
 """A station nearer than this has the session's clouds."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
     """Facts that an imported recording does not state itself.

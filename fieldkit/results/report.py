@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fieldkit.model.device import find_camera, regions_on
+from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Action, Argument
@@ -64,6 +65,7 @@ class Report:
         return str(Markup('<a href="{}">{}</a>').format(self.path.resolve().as_uri(), self.path))
 
 
+@checked
 @dataclass(frozen=True)
 class ReportOptions:
     """Options of a report.

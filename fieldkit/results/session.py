@@ -14,6 +14,7 @@ import h5py
 
 from fieldkit.model.arrays import FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.door import checked
 from fieldkit.model.errors import SessionError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Sample
@@ -140,6 +141,7 @@ class Stream:
         return analysis.to_xarray(self._session, self.name)
 
 
+@checked
 class Session(SessionReader):
     """One recording: its streams by name, slopes, maps, reports.
 
@@ -263,7 +265,7 @@ class Session(SessionReader):
         from fieldkit.results.estimate import estimate
 
         chosen: Mapping[str, Any] = {"regions": regions, "without_marks": without_marks}
-        return estimate(self, settings, model=model, present=present, **chosen, **values)
+        return checked(estimate)(self, settings, model=model, present=present, **chosen, **values)
 
     def slope_map(
         self, window: Window = None, *, settings: Settings = (), present: bool = False
@@ -271,19 +273,19 @@ class Session(SessionReader):
         """Tilt and azimuth of every pixel; see `fieldkit.slope_map`."""
         from fieldkit.results.slope_map import slope_map
 
-        return slope_map(self, window, settings=settings, present=present)
+        return checked(slope_map)(self, window, settings=settings, present=present)
 
     def report(self, out: str | Path | None = None) -> Report:
         """Write the report, one HTML page with figures; see `fieldkit.report`."""
         from fieldkit.results.report import report
 
-        return report(self, out)
+        return checked(report)(self, out)
 
     def check(self) -> CheckedSession:
         """Check the recording; nothing is changed. See `fieldkit.check`."""
         from fieldkit.results.check import check
 
-        return check(self)
+        return checked(check)(self)
 
     def export(
         self, to: str, folder: str | Path | None = None, *, stream: str | None = None, every: int = 1
@@ -291,7 +293,7 @@ class Session(SessionReader):
         """Write tables, images or a file for another program; see `fieldkit.export`."""
         from fieldkit.results.export import export
 
-        return export(self, to, folder, stream=stream, every=every)
+        return checked(export)(self, to, folder, stream=stream, every=every)
 
     def take_back(self, mark: int | str) -> None:
         """Take back a mark, by its number in `marks` or its text; its event stays in the file.

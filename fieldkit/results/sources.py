@@ -35,7 +35,7 @@ log_info: Callable[[str], None] = logging.getLogger(__name__).info
 
 SessionOrFile = str | Path | SessionReader
 """A session, or the file of one."""
-Settings = Mapping[str, Any] | Sequence[str]
+Settings = Mapping[str, Any] | Sequence[str] | str
 """Values by key of ``fieldkit.toml``, as `fieldkit.estimate` takes them, or a list of ``KEY=VALUE``."""
 
 

@@ -177,7 +177,7 @@ def test_a_campaign_opens_its_instruments_by_name(tmp_path):
         (lambda session: fieldkit.report([]), "give a session"),
         (lambda session: fieldkit.plan((139.4, 35.6), "2026-12-11"), "latitude first"),
         (lambda session: fieldkit.record(duration=-3.0), "3h"),
-        (lambda session: fieldkit.Campaign.sweep(session, {"albedo": 0.2}, sessions=[]), "write it as"),
+        (lambda session: fieldkit.Campaign.sweep(session, {"albedo": 0.2}, sessions=[]), r"\[0.15, 0.2"),
         (lambda session: session.estimate(colour=1.0), "configuration reference"),
     ],
     ids=["export", "report", "plan", "record", "sweep", "estimate"],
