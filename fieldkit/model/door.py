@@ -174,6 +174,8 @@ def _plain(value: Any) -> Any:
         value = value.to_numpy()
     if isinstance(value, np.ndarray | Set | Iterator):
         return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: item.tolist() if isinstance(item, np.ndarray) else item for key, item in value.items()}
     if type(value) in (list, tuple):
         return type(value)(map(_plain, value))
     return value
