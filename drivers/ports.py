@@ -206,7 +206,7 @@ class Probe(NamedTuple):
 class SerialDriver(RecordDriver):
     """Base of the drivers of instruments at serial ports: any adapter is a candidate, or those of `kinds`.
 
-    `caveat` says what decides; by its `probes` `fieldkit.drivers.recognition` finds out.
+    Only what it sends or replies decides; by its `probes` `fieldkit.drivers.recognition` finds out.
     """
 
     name: str
@@ -215,7 +215,7 @@ class SerialDriver(RecordDriver):
     needs: Mapping[str, Sequence[str]] = MappingProxyType({})
     probes: Sequence[Probe] = ()
     kinds: Sequence[Kind] = ()
-    caveat: str
+    caveat = "any adapter: only what it sends or replies decides"
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters that the instrument may have."""

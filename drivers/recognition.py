@@ -24,7 +24,7 @@ from fieldkit.model.samples import Quality
 
 BAUDS = (115_200, 9600, 57_600, 4800, 19_200, 38_400)
 """Speeds at which a port is listened to, the usual ones first."""
-SILENT_S = 3  # boards restart when their port is opened
+SILENT_S = 5  # boards restart when their port is opened, and print every few seconds
 LISTEN_S = 2
 LONGEST_S = 8  # where the first lines tell too little: messages of a board that starts, one sensor of several
 REPLY_S = 0.4
@@ -144,9 +144,10 @@ def _reply(driver: SerialDriver, probe: Probe, data: bytes) -> Match | None:
 def _match(
     driver: SerialDriver, options: Mapping[str, Any], data: bytes, *, is_reply: bool = False
 ) -> Match | None:
-    """The driver, if it reads values that can be, or a reply without any."""
+    """The driver, if it reads values; of a reply those that can be, or none at all."""
     decoded = driver.decode(data, options)
-    if not (any(map(_is_possible, decoded.values)) or (is_reply and decoded.notes and not decoded.values)):
+    is_empty = is_reply and decoded.notes and not decoded.values
+    if not (is_empty or any(not is_reply or _is_possible(value) for value in decoded.values)):
         return None
     return Match(
         driver.name, options, decoded.values, decoded.refused, options.keys().isdisjoint(driver.needs)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -80,10 +79,12 @@ def _image(celsius: list[float] | None, length: int) -> DecodedFrame | Rejected:
 
 
 def _numbers(text: bytes) -> list[float] | None:
-    """Numbers between commas, None if something else is among them."""
+    """Numbers between commas and line ends, None if something else is among them."""
     try:
         return (
-            [float(cell) for cell in text.split(b",") if cell.strip()] if _NUMBERS.fullmatch(text) else None
+            [float(cell) for cell in re.split(rb"[,\n]", text) if cell.strip()]
+            if _NUMBERS.fullmatch(text)
+            else None
         )
     except ValueError:  # 21.5.3, or two numbers without a comma
         return None
@@ -147,8 +148,7 @@ class Mlx90640(SerialDriver):
     options: tuple[str, ...] = (*camera.OPTIONS, "baud", "rate_hz", "emissivity")
     layout = LAYOUT
     noise_k = 0.2  # datasheet: 0.1 K at one frame a second, and grows with the square root of the rate
-    caveat = "any adapter: only its bytes decide"
-    probes: Sequence[Probe] = (Probe(LINE),)
+    probes = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the port, set what the options request, and wait for a frame."""

@@ -24,10 +24,10 @@ class Sensor(NamedTuple):
     groups of `value` are channel and value.
     """
 
-    channel: str
-    unit: str
     value: str
-    options: Mapping[str, Any]
+    channel: str = "T1"
+    unit: str = "°C"
+    options: Mapping[str, Any] = MappingProxyType({"baud": 115_200})
     failure: str = _NEVER
     others: str = _NEVER
     last: str = ""
@@ -71,12 +71,9 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             unit="lx",
             value=f"[Ll]ux: {_NUMBER}",
             others=rf"(?:White|Raw ALS|raw white|raw ALS): {_NUMBER}|\*\* (?:Low|High) threshold",
-            options={"baud": 115_200},
         ),
         # adafruit/Adafruit-MAX31855-library examples/serialthermocouple
         "max31855": Sensor(
-            channel="T1",
-            unit="°C",
             value=f"C = {_NUMBER}",
             failure=r"Thermocouple fault\(s\) detected!",
             others=rf"Internal Temp = {_NUMBER}|F = {_NUMBER}|FAULT: Thermocouple is .*|MAX\d+ test"
@@ -85,26 +82,25 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
         ),
         # adafruit/Adafruit_MCP9600 examples/mcp9600_test
         "mcp9600": Sensor(
-            channel="T1",
-            unit="°C",
             value=f"Hot Junction: {_NUMBER}",
             others=rf"Cold Junction: {_NUMBER}|ADC: -?\d+ uV",
-            options={"baud": 115_200},
         ),
         # adafruit/Adafruit_MAX31856 examples/max31856_oneshot and others
         "max31856": Sensor(
-            channel="T1",
-            unit="°C",
             value=f"(?:Thermocouple|Continuous) Temp: {_NUMBER}",
             failure=".* Fault",
             others=rf"Cold Junction Temp: {_NUMBER}|MAX31856 thermocouple test|Thermocouple type: .*",
-            options={"baud": 115_200},
+        ),
+        # adafruit/Adafruit_MAX31865 examples/max31865
+        "max31865": Sensor(
+            value=f"Temperature = {_NUMBER}",
+            failure="Fault 0x.*",
+            others=rf"RTD value: \d+|Ratio = {_NUMBER}|Resistance = {_NUMBER}|RTD.*|REFIN.*"
+            "|Under/Over voltage|Adafruit MAX31865 .*",
         ),
         # milesburton/Arduino-Temperature-Control-Library examples/Simple and /Single; -127 is
         # DEVICE_DISCONNECTED_C, 85 the power-on value of the data sheet
         "ds18b20": Sensor(
-            channel="T1",
-            unit="°C",
             value=rf"(?:Temperature for the device 1 \(index 0\) is|Temp C): {_NUMBER}(?: Temp F: .*)?",
             failure="Error: Could not read temperature data",
             others=r"Requesting temperatures\.\.\.DONE",
@@ -113,7 +109,6 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
         # the same library's examples/Multiple, with any number of probes: a channel for each address
         "ds18b20-multiple": Sensor(
             channel="",
-            unit="°C",
             value=rf"Device Address: ([0-9A-F]{{16}}) (?:Temp C: {_NUMBER} Temp F: .*|Error: Could not .*)",
             others="Dallas Temperature IC Control Library Demo|Locating devices.*|Parasite power is: .*"
             r"|Unable to find address for .*|Device \d+ (?:Address|Resolution): .*",
@@ -123,25 +118,20 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
         # adafruit/Adafruit_SHT4X examples/SHT4x_non-blocking and SHT4test
         "sht4x": Sensor(
             channel="air",
-            unit="°C",
             value=f"Temperature: {_NUMBER} degrees C",
             others=rf"Humidity: {_NUMBER}% rH|Read duration \(ms\): \d+",
-            options={"baud": 115_200},
         ),
         # adafruit/Adafruit_SCD30 examples/adafruit_scd30_test
         "scd30": Sensor(
             channel="air",
-            unit="°C",
             value=f"Temperature: {_NUMBER} degrees C",
             failure="Error reading sensor data",
             others=rf"Relative Humidity: {_NUMBER} %|e?CO2: {_NUMBER} ppm|Data available!|.*SCD30 .*"
             r"|Measurement Interval: \d+ seconds",
-            options={"baud": 115_200},
         ),
         # adafruit/Adafruit_BME280_Library examples/bme280test
         "bme280": Sensor(
             channel="air",
-            unit="°C",
             value=f"Temperature = {_NUMBER} (?:[*]|°)C",
             others=rf"Pressure = {_NUMBER} hPa|Approx\. Altitude = {_NUMBER} m|Humidity = {_NUMBER} %"
             r"|BME280 test|-- Default Test --",

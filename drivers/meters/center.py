@@ -91,7 +91,6 @@ _STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x0
 _COUNTS = struct.Struct(">4h")
 _ALL_MEASURE = (False,) * 4
 _EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_background"}
-BY_REPLY = "any adapter: only the meter's reply decides"
 _HINT = "switch the thermometer on and check its cable; it replies only while no menu is open"
 
 
@@ -174,8 +173,7 @@ class Center309(SerialDriver):
     quantity = "temperature"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
-    caveat = BY_REPLY
-    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
+    probes = (Probe(LINE, b"A"),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, request the model, and wait for one record."""
@@ -299,8 +297,7 @@ class Center303(SerialDriver):
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "model")
-    caveat = BY_REPLY
-    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
+    probes = (Probe(LINE, b"A"),)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""

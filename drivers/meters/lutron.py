@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -114,8 +113,7 @@ class Lutron(SerialDriver):
     quantity = "illuminance"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
-    caveat = "any adapter: only its stream decides"
-    probes: Sequence[Probe] = (Probe(LINE),)
+    probes = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the records of all displays, which show what the meter measures."""

@@ -16,6 +16,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -320,11 +321,6 @@ def parse(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes =
     return None if waits else Rejected(1, "the CRC does not fit")
 
 
-def pack_tcp(request: bytes) -> bytes:
-    """A request of `pack_request` as Modbus TCP has it."""
-    return struct.pack(">HHH", _TRANSACTION, 0, len(request) - 2) + request[:-2]
-
-
 def parse_tcp(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes = b"") -> Parsed:
     """The Modbus TCP frame at the start of `buffer`; see `parse`."""
     if len(buffer) < _HEADER_LENGTH:
@@ -395,12 +391,9 @@ class Modbus(SerialDriver):
     quantity = "irradiance"
     options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity", "framing")
     needs: Mapping[str, Sequence[str]] = {"map": packaged_maps()}
-    caveat = f"any adapter; needs map = {' | '.join(packaged_maps())}"
 
     def __init__(self) -> None:
-        self.probes = [
-            _probe(name, unit, framing) for framing in FRAMINGS for unit in UNITS for name in packaged_maps()
-        ]
+        self.probes = [_probe(*block) for block in product(packaged_maps(), UNITS, FRAMINGS)]
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. Option `map`; without it raw registers."""
@@ -459,7 +452,9 @@ def _framing(settings: DeviceSettings) -> str:
 
 
 def _framed(request: bytes, framing: str) -> bytes:
-    return pack_tcp(request) if framing == "tcp" else request
+    """A request of `pack_request` as it goes out: without its CRC, and behind a header, by Modbus TCP."""
+    head = struct.pack(">HHH", _TRANSACTION, 0, len(request) - 2)
+    return head + request[:-2] if framing == "tcp" else request
 
 
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:

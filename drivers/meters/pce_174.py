@@ -24,7 +24,6 @@ the end of the largest range is flagged.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.framing import Line
@@ -90,8 +89,7 @@ class Pce174(SerialDriver):
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
     kinds = KINDS
-    caveat = "a common adapter: only the meter's reply decides"
-    probes: Sequence[Probe] = (Probe(LINE, ASK_LIVE),)
+    probes = (Probe(LINE, ASK_LIVE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""

@@ -92,6 +92,7 @@ _NO_VALUES = re.compile(
 _SERIAL = re.compile(r"(?=.*[A-F])[0-9A-F]{8,}")  # 0316A27E1AFF is no number with a unit
 _COLUMNS = "columns "
 _LONGEST_NAME = 32
+_IMAGE_ROW = 16  # of an MLX90641, the narrowest
 _LONGEST_CLOCK = 18  # digits: 64 bits hold them, and boards restart within thirty million years
 _HINT = (
     "does the board print lines? boards restart when the port opens and need two seconds; "
@@ -232,6 +233,8 @@ class Grammar:
             fields = fields[:-1]
         if len(fields) != len(names):
             return f"{len(fields)} fields, {len(names)} columns"
+        if not self.columns and len(fields) >= _IMAGE_ROW:
+            return "many numbers without names; rows of an image are read by the driver mlx90640"
         unknown = [field for field in fields if not (_is_value(field) or self.columns)]
         if unknown:
             return f"{unknown[0][:20]!r} is not a number; lines may be {FORMS}"
@@ -392,8 +395,7 @@ class Text(SerialDriver):
     title = "lines of text from a microcontroller board"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit", "sensor")
-    caveat = "any adapter: only its lines decide"
-    probes: Sequence[Probe] = (
+    probes = (
         *(Probe(Line(it.options["baud"]), options={"sensor": name}) for name, it in SENSORS.items()),
         Probe(LINE),
     )
@@ -443,8 +445,8 @@ def _first_values(
     """
     within_s, configured_columns = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns
     lines: list[Record] = []
-    raw, last, is_slow = b"", Record(0), settings.every_s > meter.SLOW_S
-    is_whole = is_slow
+    raw, last = b"", Record(0)
+    is_whole = is_slow = settings.every_s > meter.SLOW_S
     for _ in time_left(clock, within_s):
         stamped = _next(port, grammar, settings)
         raw, last = raw + stamped.raw, stamped.record

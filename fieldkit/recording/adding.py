@@ -6,6 +6,7 @@ by a recording, so that its stream states what it measures. One that is configur
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from fieldkit.drivers.connections import connect, is_address
 from fieldkit.drivers.discovery import ConnectedDevice, discover, is_device
 from fieldkit.drivers.framing import Line
 from fieldkit.drivers.meters.modbus import TCP_PORT
-from fieldkit.drivers.ports import SerialDriver
+from fieldkit.drivers.ports import SerialDriver, serial_ports
 from fieldkit.drivers.recognition import Match, recognise
 from fieldkit.model.channels import radiation_components
 from fieldkit.model.clock import HostClock
@@ -149,7 +150,10 @@ def at_address(address: str) -> ConnectedDevice:
             with suppress(ConfigError, DeviceError), closing(open_in_time(settings, HostClock())):
                 return ConnectedDevice("", address, driver.title, (driver.name,))
     if is_address(address) or address.startswith("/"):
-        return ConnectedDevice("", address, "serial port", serial)
+        present = serial_ports()
+        usb = next((usb for path, usb in present if path == os.path.realpath(address)), None)
+        identity = usb.as_text([usb for _, usb in present]) if usb else ""
+        return ConnectedDevice(identity, address, "serial port", serial)
     settings = DeviceSettings(address, "", f"{address}:{TCP_PORT}")
     with suppress(DeviceError), closing(connect(settings, Line(), HostClock())):
         return ConnectedDevice("", settings.port, "Modbus TCP", serial)

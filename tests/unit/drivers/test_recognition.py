@@ -53,6 +53,14 @@ TALKING = {  # baud, what comes once, what comes every half second, proposal, a 
         "281D3931020000F0 = 21.5 °C",
     ),
     "a board's own lines": (115_200, ESP32, b"T1=21.5 C, T2=22.5 C\r\n", "text", "T1 = 21.5 °C"),
+    "disconnected": (9600, b"", b"T1=-127.00 C\r\n", "text,baud=9600", "(impossible)"),
+    "rows of an image": (
+        115_200,
+        b"",
+        b"\r\n".join([b", ".join(16 * [b"23.50"])] * 12) + b"\r\n\r\nRead time: 250\r\n",
+        "mlx90640",
+        "mean = 296.65 K",
+    ),
     "an object out of range": (
         9600,
         b"",

@@ -294,6 +294,7 @@ EXAMPLES = {  # what each library's example prints, from its boot on
     "tsl2591": b"[ 5021 ms ] IR: 2101  Full: 8213  Visible: 6112  Lux: 412.345678\r\n",
     "max31855": b"MAX31855 test\r\nInitializing sensor...DONE.\r\nInternal Temp = 22.44\r\nC = 48.25\r\n",
     "max31856": b"Thermocouple type: K Type\r\nCold Junction Temp: 23.44\r\nThermocouple Temp: 24.12\r\n",
+    "max31865": b"RTD value: 8123\r\nRatio = 0.24789\r\nResistance = 106.59\r\nTemperature = 16.94\r\n\r\n",
     "ds18b20": b"Requesting temperatures...DONE\r\nTemperature for the device 1 (index 0) is: 21.56\r\n",
     "sht4x": b"Temperature: 23.45 degrees C\r\nHumidity: 45.60% rH\r\n",
     "scd30": b"SCD30 Found!\r\nTemperature: 24.10 degrees C\r\nRelative Humidity: 45.2 %\r\n",
