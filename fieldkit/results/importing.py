@@ -29,6 +29,7 @@ from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_wa
 from fieldkit.sessions.formats import stills
 from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
+from fieldkit.sessions.formats.frame_tables import is_frame_table
 from fieldkit.sessions.formats.imported import (
     ImportedRecording,
     MissingOptionsError,
@@ -50,6 +51,7 @@ from fieldkit.sessions.formats.logs import LogOptions, read_log
 from fieldkit.sessions.formats.merged import Alignment, align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
+from fieldkit.sessions.formats.unread import refuse_unread
 from fieldkit.sessions.layout import SessionHeader, is_stream_name
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
@@ -407,6 +409,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     """
     if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
         raise ConfigError("neither a file nor a folder", place=source, fix="check the path")
+    refuse_unread(source)
     for source_format in _FORMATS:
         if source_format.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - source_format.uses
@@ -418,8 +421,8 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     raise ConfigError(
         "no format that fieldkit reads",
         place=source,
-        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, TIFF, 16-bit PNG and .irg frames, "
-        "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
+        fix="it reads .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
+        "tables and workbooks, netCDF, bags of ROS, files of radiation networks and services",
     )
 
 
@@ -467,7 +470,7 @@ def _flir(source: Path, options: ImportOptions) -> ImportedRecording:
 
 
 def _is_stills(source: Path) -> bool:
-    return source.is_dir() or source.suffix.lower() in stills.SUFFIXES
+    return source.is_dir() or source.suffix.lower() in stills.SUFFIXES or is_frame_table(source)
 
 
 def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
@@ -555,7 +558,7 @@ _FORMATS = (
     _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
     _Format("a recording of ROS", is_bag, _bag, _BAG, "UTC"),
-    _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES, "UTC"),
+    _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, _stills, _FRAMES, "UTC"),
     _Format("a station's file", is_station_file, _station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
     _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),

@@ -53,6 +53,9 @@ EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
         "video": ExportFormat(
             "images_out:export_video", "the same as a video, VP9", _IMAGES | {"speed"}, True
         ),
+        "frames-csv": ExportFormat(
+            "images_out:export_frame_tables", "frames as tables of °C, a file each", _FRAMES, True
+        ),
         "tiff": ExportFormat(
             "images_out:export_tiffs", "frames as 16-bit TIFF of 0.01 K per count", _FRAMES, True
         ),

@@ -102,6 +102,23 @@ def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> CountArray:
     return np.asarray(np.maximum(np.nan_to_num(counts, posinf=0.0, neginf=0.0), 0.0), np.uint16)
 
 
+def export_frame_tables(
+    session: SessionReader, folder: Path, *, stream: str | None = None, **chosen: Unpack[Chosen]
+) -> list[Path]:
+    """A table of each frame, a row of pixels a line: °C, or counts without a known scale; NaN without one.
+
+    The times stand in ``times.csv``. Raises `OSError`, and `SessionError` where the camera is not known.
+    """
+    info, paths, rows = camera_of(session, stream), [], []
+    for frame in _frames(session, info.name, **chosen):
+        path = folder / f"{_stem(session, info)}-{frame.seq:07}.csv"
+        with replacing(path, synced=False) as draft:
+            np.savetxt(draft, _values(frame, info), "%.2f" if has_temperatures(info) else "%d", ",")
+        paths.append(path)
+        rows.append((path.name, iso_utc(frame.time_ns)))
+    return [*paths, _write_times(folder / "times.csv", rows)]
+
+
 def export_pngs(
     session: SessionReader, folder: Path, *, stream: str | None = None, **drawn: Unpack[Drawn]
 ) -> list[Path]:

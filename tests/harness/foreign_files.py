@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
 import struct
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,11 @@ from types import MappingProxyType
 
 import cv2
 import numpy as np
+import pandas as pd
+import tifffile
+from imagecodecs import jpegls_encode
+
+from fieldkit.sessions.formats.ros2 import _DEFINITIONS, definition, header, ros2_writer
 
 FFF_CONSTANTS = {
     # offset in the camera information: value; the numbers of the README beside the recorded T420 frame
@@ -247,6 +253,58 @@ def tiff_pages(*pages: tuple[np.ndarray, dict[int, int]], order: str = "<", is_b
     return data
 
 
+def frame_table() -> bytes:
+    """A frame of 8 x 9 temperatures as FLIR's programs export it: preamble, label, decimal commas."""
+    lines = [";".join(f"{20 + row * row + col / 10:.1f}".replace(".", ",") for col in range(9)) for row in range(8)]
+    return ("File:;a.jpg\nFrame 1;" + "\n;".join(lines) + "\n").encode()
+
+
+def stack() -> bytes:
+    """Three frames after one directory, as tifffile and ImageJ write them."""
+    file, frames = io.BytesIO(), np.full((3, 5, 7), 29_500, np.uint16)
+    tifffile.imwrite(file, frames, photometric="minisblack", metadata={"axes": "TYX"}, truncate=True)
+    return file.getvalue()
+
+
+def in_containers() -> dict[str, bytes]:
+    """A table of a thermometer as a workbook, Parquet, Feather and netCDF of both kinds."""
+    times = pd.date_range("2026-05-12T01:00", periods=20, freq="10s")
+    table = pd.DataFrame({"time": times, "T1 [C]": np.linspace(20.0, 21.0, 20)})
+    data = table.set_index("time").rename(columns={"T1 [C]": "T1"}).to_xarray()
+    data["T1"].attrs["units"] = "degC"
+    files = {name: io.BytesIO() for name in ("a.xlsx", "a.parquet", "a.feather")}
+    with pd.ExcelWriter(files["a.xlsx"], engine="xlsxwriter") as book:
+        table.to_excel(book, index=False)
+    table.to_parquet(files["a.parquet"])
+    table.to_feather(files["a.feather"])
+    packed = {name: bytes(data.to_netcdf(None, engine=engine)) for name, engine in NETCDF.items()}
+    return {name: file.getvalue() for name, file in files.items()} | packed
+
+
+IN_UTC = ("--zone", "UTC")
+NETCDF = {"a.nc": "h5netcdf", "a.cdf": "scipy"}
+
+
+def ros2_mcap() -> bytes:
+    """A thermometer and a camera of counts, as ROS 2 records them."""
+    file = io.BytesIO()
+    writer = ros2_writer(file)
+    for kind, topic, fields in (
+        ("sensor_msgs/msg/Temperature", "/air", {"temperature": 20.0, "variance": 0.0}),
+        (
+            "sensor_msgs/msg/Image",
+            "/thermal",
+            {"height": 5, "width": 7, "encoding": "mono16", "is_bigendian": 0, "step": 14, "data": bytes(70)},
+        ),
+    ):
+        schema = writer.register_msgdef(kind, definition({"": _DEFINITIONS[kind]}))
+        for second in range(5):
+            at_ns = 1_780_000_000_000_000_000 + second * 10**9
+            writer.write_message(topic, schema, {"header": header(at_ns, ""), **fields}, at_ns, at_ns)
+    writer.finish()
+    return file.getvalue()
+
+
 def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
     """A sound file of every kind that import reads, and the options it takes beside ``--site``."""
     counts = np.arange(14_000, 14_035, dtype=np.uint16).reshape(5, 7)
@@ -264,8 +322,20 @@ def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
         "slv16001.dat": (surfrad(), ()),
         "tat0624.dat": (bsrn(longwave_up=True, place=(37.7, -105.92, 2317)), ()),
         "obsdl.csv": (obsdl(), ()),
+        "a.csq": (fff(counts, 1_480_000_000, packed=jpegls_encode(counts)), ()),
+        "20260512T010002.csv": (frame_table(), (*moment, "--unit", "C")),
+        "stack.tiff": (stack(), ("--times", str(folder / "stack-times.csv"), "--kelvin-per-count", "0.01")),
+        "a.mcap": (ros2_mcap(), ("--kelvin-per-count", "0.01")),
+        "abq20163.dat": (solrad(), ("--site", "35.038,-106.622,1617")),
+        **{name: (data, ("--site", "40,-105,1600")) for name, data in modelled_weather().items()},
+        **{
+            name: (data, ("--zone", "UTC") if name not in NETCDF else ())
+            for name, data in in_containers().items()
+        },
         "DR202406_tat.txt": (radiation_table([(1, hours, "504]")]), ()),
     }
+    seconds = [f"stack.tiff,2026-05-12T01:00:{second:02}Z\n" for second in range(3)]
+    (folder / "stack-times.csv").write_text("".join(seconds))
     for name, (data, _) in kinds.items():
         (folder / name).write_bytes(data)
     return {folder / name: options for name, (_, options) in kinds.items()}

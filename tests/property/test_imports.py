@@ -18,7 +18,9 @@ LIMIT_S = 30.0  # a tenth of a second on an idle machine
 MEMORY_LIMIT_KB = 300_000
 NAMES = (
     "a.raw.y16.gz", "a.fff", "a.seq", "a.jpg", "20260512T010000.irg", "20260512T010001.tif", "log.csv",
-    "slv16001.dat", "tat0624.dat", "obsdl.csv", "DR202406_tat.txt",
+    "slv16001.dat", "tat0624.dat", "obsdl.csv", "DR202406_tat.txt", "a.csq", "20260512T010002.csv",
+    "stack.tiff", "a.mcap", "abq20163.dat", "a.epw", "tmy3.csv", "nsrdb.csv", "pvgis.csv", "cams.csv",
+    "a.xlsx", "a.parquet", "a.feather", "a.nc", "a.cdf",
 )  # fmt: skip
 
 
@@ -46,7 +48,7 @@ def test_sound_files_of_every_kind_become_sessions(sound, tmp_path, name):
 OPTIONS = {
     "--kelvin-per-count": "0.5", "--kelvin-at-zero": "1", "--times": __file__, "--time-format": "%Y",
     "--zone": "Asia/Tokyo", "--clock-offset": "+1s", "--unit": "lx", "--column": "x", "--measures": "gti",
-    "--encoding": "cp1252", "--time": "x", "--keep": "first",
+    "--encoding": "cp1252", "--time": "x", "--keep": "first", "--sheet": "x",
     "--start": "2026-05-12T01:00Z", "--date": "2026-05-12",
 }  # fmt: skip
 FIELDS = {word: option.name for option in import_session.command.params for word in option.opts}
@@ -55,8 +57,12 @@ FRAMES, TABLE = TIMES | {"--kelvin-per-count", "--kelvin-at-zero"}, {
     "--time-format", "--zone", "--clock-offset", "--unit", "--column", "--measures", "--encoding",
     "--time", "--keep", "--start", "--date",
 }  # fmt: skip
+CONTAINED = TABLE - {"--encoding"} | {"--sheet"}
 USED = {
     "20260512T010000.irg": FRAMES, "20260512T010001.tif": FRAMES, "log.csv": TABLE,
+    "a.csq": TIMES, "20260512T010002.csv": FRAMES | {"--unit"}, "stack.tiff": FRAMES,
+    "a.mcap": {"--kelvin-per-count", "--kelvin-at-zero", "--unit", "--column", "--clock-offset"},
+    **dict.fromkeys(("a.xlsx", "a.parquet", "a.feather", "a.nc", "a.cdf"), CONTAINED),
     "a.raw.y16.gz": {"--clock-offset"}, "a.fff": TIMES, "a.seq": TIMES, "a.jpg": TIMES,
 }  # fmt: skip
 
