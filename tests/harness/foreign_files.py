@@ -255,7 +255,8 @@ def tiff_pages(*pages: tuple[np.ndarray, dict[int, int]], order: str = "<", is_b
 
 def frame_table() -> bytes:
     """A frame of 8 x 9 temperatures as FLIR's programs export it: preamble, label, decimal commas."""
-    lines = [";".join(f"{20 + row * row + col / 10:.1f}".replace(".", ",") for col in range(9)) for row in range(8)]
+    celsius = [[f"{20 + row * row + col / 10:.1f}".replace(".", ",") for col in range(9)] for row in range(8)]
+    lines = [";".join(row) for row in celsius]
     return ("File:;a.jpg\nFrame 1;" + "\n;".join(lines) + "\n").encode()
 
 

@@ -26,13 +26,13 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
-from fieldkit.physics.camera_laws import ht301
+from fieldkit.physics.camera_laws import frame_k, ht301
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.results.export import export
 from fieldkit.results.session import open_session
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.formats.exports import EXPORTS
-from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs, export_video
+from fieldkit.sessions.formats.images_out import export_frame_tables, export_pngs, export_tiffs, export_video
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
@@ -211,7 +211,7 @@ def test_most_formats_need_no_extra(small, tmp_path):
     extras = ("pandas", "pyarrow", "xarray", "matplotlib", "mcap", "mcap_ros2", "rasterio", "h5netcdf")
     command = [sys.executable, "-c", WITHOUT_EXTRAS, str(small), str(tmp_path), *extras]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["csv", "netcdf", "ro-crate", "png", "video", "tiff"]
+    assert done.stdout.split() == ["csv", "netcdf", "ro-crate", "png", "video", "frames-csv", "tiff"]
 
 
 def test_table_of_slopes_has_both_ends_of_each_region(small, tmp_path):
@@ -249,6 +249,17 @@ def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(sessio
         assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
         assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
         assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_frames_as_tables_come_back_through_import(session, folder):
+    *paths, times = export_frame_tables(session, folder)
+    imported = read_stills(folder, None, unit="C", times=times)
+    (info,), frames = imported.streams, list(imported.samples)
+    assert len(paths) == len(frames) == session.count("camera")
+    kelvin = np.array([frame_k(info, frame.counts, frame.metadata_rows) for frame in frames])
+    assert kelvin == pytest.approx(session.kelvin(), abs=0.0051, nan_ok=True)
+    with pytest.raises(ConfigError, check=at(paths[0], Argument("unit", "C"))):
+        read_stills(folder, None, times=times)
 
 
 @pytest.mark.parametrize(
