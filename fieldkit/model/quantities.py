@@ -119,13 +119,9 @@ PRESSURE = _units(
     Unit("mmHg", by=1.0 / 133.3224),
 )
 WATER = _units("m3 m-3", "", Unit("m³/m³", "m3m-3", suffix="m3_m3"), Unit("%", "%vol vol%", by=100.0))
-OTHER_UNITS = frozenset(
-    re.findall(
-        r"\S+",
-        "% %rh rh% pct percent bar v mv a ma w mw kw ppm ppb db dbm hz khz rpm ohm kohm mm mm/h mm/hr ug/m3"
-        " us/cm j/m2 kj/m2 mj/m2 j/cm2 wh/m2 kwh/m2 umol/m2/s umolm-2s-1",
-    )
-)
+_OTHERS = """% %rh rh% pct percent bar v mv a ma w mw kw ppm ppb db dbm hz khz rpm ohm kohm mm mm/h mm/hr
+ug/m3 us/cm j/m2 kj/m2 mj/m2 j/cm2 wh/m2 kwh/m2 umol/m2/s umolm-2s-1"""
+OTHER_UNITS = frozenset(_OTHERS.split())
 """Units that no row has, as `_plain` leaves them: a column that states one is of another quantity."""
 
 
@@ -297,7 +293,9 @@ BY_UNIT: Mapping[str, Quantity] = {row.units.stored: row for row in reversed(_RO
 """Quantity of a stream of which the unit alone is known."""
 
 
-_SIGNS = str.maketrans({"º": "°", "˚": "°", "\ufffd": "°", "Â": "", "\u0421": "C", "$": ""})
+_SIGNS = str.maketrans(
+    {"º": "°", "˚": "°", "\ufffd": "°", "Â": "", "\u0421": "C", "$": "", "−": "-", "μ": "u"}
+)
 _DEGREES = re.compile(
     r"^(?:degrees?|degs?|grad|[°'o?]|&deg;)_?(?=(?:[cfk]|celsius|centigrade|fahrenheit|kelvin)$)"
 )
@@ -306,12 +304,7 @@ _PER_AREA = re.compile(r"^([kmu]?w|lm|[mk]?j|k?wh)[/_]?(c?m)(?:2|-2|qm)$")
 
 def _plain(written: str) -> str:
     """A unit as it is compared: ``W·m⁻²`` is ``w/m2``, ``° C``, ``(*C)``, ``deg. C`` and ``oC`` are ``c``."""
-    text = (
-        normalize("NFKC", written.translate(_SIGNS))
-        .lower()
-        .translate({0x2212: "-", 0x3BC: "u"})
-        .replace("micro", "u")
-    )
+    text = normalize("NFKC", written.translate(_SIGNS)).translate(_SIGNS).lower().replace("micro", "u")
     text = re.sub(r"[\s^*.·•⋅∙(){}\[\]]", "", text).strip("_")
     text = re.sub(r"square-?met(?:er|re)s?|sq-?met(?:er|re)s?|sqm|(?<=/)qm", "m2", text)
     text = re.sub(r"watts?(?=/|per|m)", "w", text).replace("perm2", "/m2").replace("percm2", "/cm2")
@@ -321,9 +314,8 @@ def _plain(written: str) -> str:
 _SPELLINGS: dict[str, list[tuple[Quantity, Unit]]] = {}
 for _row in _ROWS:
     for _unit in _row.units.written:
-        for _spelling in dict.fromkeys((_unit.shown, _unit.suffix, *_unit.spellings.split())):
-            if _spelling:
-                _SPELLINGS.setdefault(_plain(_spelling), []).append((_row, _unit))
+        for _spelling in {_unit.shown, _unit.suffix or _unit.shown, *_unit.spellings.split()}:
+            _SPELLINGS.setdefault(_plain(_spelling), []).append((_row, _unit))
 
 
 class Meaning(NamedTuple):
@@ -407,14 +399,11 @@ def split_label(label: str) -> tuple[str, str]:
     name = _STATISTIC.sub("", label)
     for mark in _BEFORE_UNIT.finditer(name):
         before, unit = name[: mark.start()], name[mark.end() :]
-        may_be_letter = unit.isalpha() and len(unit) == 1 and mark[0] in ("", " ", "_", "-")
-        if before and is_unit(unit) and not (may_be_letter and _is_of_a_series(before, mark[0], unit)):
+        is_letter = unit.isalpha() and len(unit) == 1 and mark[0] in ("", " ", "_", "-")
+        of_degrees = (mark[0] == "_" and unit in "CFcf") or _OF_TEMPERATURE.search(before)
+        if before and is_unit(unit) and (of_degrees or not is_letter):
             return before, unit
     return label, ""
-
-
-def _is_of_a_series(name: str, mark: str, letter: str) -> bool:
-    return not (mark == "_" and letter in "CFcf") and _OF_TEMPERATURE.search(name) is None
 
 
 def is_unit(written: str) -> bool:

@@ -123,10 +123,9 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         sheet=options.sheet,
     )
     table = by_thing(path, table)
-    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
     try:
         channels, about_columns = _channels(path, table, options)
-        components = _given_components(path, table, channels, measures, is_chosen=bool(options.columns))
+        components, about_components = _components(path, table, channels, options)
     except MissingOptionsError as error:
         raise together(error, *_missing_of_times(path, table, options)) from None
     _refuse_marks(path, table, channels)
@@ -144,7 +143,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
         *about_times,
         *about_columns,
         *_on_end(table),
-        *_on_measures(channels, components, measures),
+        *about_components,
         *_on_cells(rows, channels),
         *chain.from_iterable(map(_on_stream, streams)),
     )
@@ -325,26 +324,26 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
         raise ConfigError(
             "not a unit that is known", place=Argument("unit", unit), fix=f"known units: {KNOWN_UNITS}"
         )
-    chosen = [place_of(path, table.columns, name) for name in options.columns]
+    by_name = [place_of(path, table.columns, name) for name in options.columns]
     channels: list[Channel] = []
     heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": [], "process": []}
-    for place in chosen or _free(table):
+    for place in by_name or _free(table):
         column, (written, stated) = table.columns[place], _stated_unit(path, table, place)
-        if not (chosen or stated or table.has_numbers(place)):
+        if not (by_name or stated or table.has_numbers(place)):
             continue
         option = meaning_of(unit, column.label)
-        if chosen and written and option and stated != option:
+        if by_name and written and option and stated != option:
             text = f"states the unit {written!r}, not {unit!r}"
             raise ConfigError(
                 text, place=named(path, column), fix="omit " + Argument("unit") + ", or the column"
             )
         is_sample = column.process in (*SAMPLED, *AVERAGED)
-        meaning = (stated or (None if written else option)) if is_sample or chosen else None
+        meaning = (stated or (None if written else option)) if is_sample or by_name else None
         source = "unknown" if meaning is None else "table" if stated else "option"
         meaning = meaning or unknown_meaning(written)
         channels.append(Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at))
         heads[source].append(column.head)
-        heads["process"] += [f"{column.head} ({column.process})"] if chosen and not is_sample else []
+        heads["process"] += [f"{column.head} ({column.process})"] if by_name and not is_sample else []
     _refuse_open_units(path, table, channels, heads["option"], options)
     notes = _on_option("the unit", unit, heads["option"], heads["table"])
     if heads["unknown"]:
@@ -366,10 +365,10 @@ def _refuse_open_units(
         place = named(path, table.columns[without[0].place]) if options.columns else path
         fix = 'headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others"
         raise MissingOptionsError(f"no column has a unit{about}", place=place, fix=fix)
-    given = meaning_of(unit)
+    option = meaning_of(unit)
     above = [meaning for word in table.units if (meaning := meaning_of(word))]
-    other = [meaning.unit.shown for meaning in above if given and meaning.quantity == given.quantity]
-    if heads and given and other and given not in above:
+    other = [meaning.unit.shown for meaning in above if option and meaning.quantity == option.quantity]
+    if heads and option and other and option not in above:
         fix = "omit " + Argument("unit") + f" {unit}, or give " + Argument("unit", other[0])
         raise ConfigError(f"states the unit {other[0]!r} above its header, not {unit!r}", place=path, fix=fix)
     kinds = {re.sub(r"[\W_][A-Za-z]$|[\W\d_]", "", split_head(head)[0]).lower() for head in heads}
@@ -379,31 +378,37 @@ def _refuse_open_units(
         raise MissingOptionsError(text, place=path, fix=f"choose those of {unit} from " + columns)
 
 
-def _given_components(
-    path: Path, table: Table, channels: Sequence[Channel], measures: Mapping[str, str], *, is_chosen: bool
-) -> dict[int, str]:
-    """The component that the option gives each column, by place; raises `ConfigError` where it cannot be."""
-    radiation = [channel for channel in channels if channel.meaning.quantity.units == POWER]
-    unnamed = [channel for channel in radiation if is_chosen or not component_named(channel.label)]
-    if len(unnamed) > 1 and measures.get("") and not is_chosen:
-        names = ", ".join(channel.label for channel in unnamed)
-        fix = Argument("measures", {unnamed[0].label: measures[""]}) + ", and so each of the others"
-        raise MissingOptionsError(f"{measures['']} may be what each of {names} measures", place=path, fix=fix)
-    components = {channel.place: measures[""] for channel in unnamed if measures.get("")}
-    components |= {place_of(path, table.columns, name): value for name, value in measures.items() if name}
-    for place, component in components.items():
-        column = table.columns[place]
-        stated = component_named(column.label)
-        is_radiation = place in {channel.place for channel in radiation} and may_measure(
-            column.label, component
+def _components(
+    path: Path, table: Table, channels: Sequence[Channel], options: LogOptions
+) -> tuple[dict[int, str], Notes]:
+    """The component of each column of radiation, by place, as its name or the option gives it, and notes.
+
+    Raises `ConfigError` where the option cannot be of a column, or may be of several.
+    """
+    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
+    names = {channel.place: channel.label for channel in channels if channel.meaning.quantity.units == POWER}
+    components = {place: component_named(label) for place, label in names.items()}
+    stated = [names[place] for place, component in components.items() if component]
+    unnamed = [place for place, component in components.items() if options.columns or not component]
+    if len(unnamed) > 1 and measures.get("") and not options.columns:
+        labels = ", ".join(names[place] for place in unnamed)
+        fix = Argument("measures", {names[unnamed[0]]: measures[""]}) + ", and so each of the others"
+        raise MissingOptionsError(
+            f"{measures['']} may be what each of {labels} measures", place=path, fix=fix
         )
-        if stated not in ("", component) or not is_radiation:
-            raise ConfigError(
-                f"states {stated}, not {component}" if stated else f"measures no {component}",
-                place=named(path, column),
-                fix="omit " + Argument("measures") + ", or the column",
-            )
-    return components
+    by_option = dict.fromkeys(unnamed, measures[""]) if measures.get("") else {}
+    by_option |= {place_of(path, table.columns, name): value for name, value in measures.items() if name}
+    for place, component in by_option.items():
+        own = components.get(place)
+        if own not in ("", component) or not may_measure(names[place], component):
+            text = f"states {own}, not {component}" if own else f"measures no {component}"
+            fix = "omit " + Argument("measures") + ", or the column"
+            raise ConfigError(text, place=named(path, table.columns[place]), fix=fix)
+    notes = Notes()
+    for component in dict.fromkeys(measures.values()):
+        applied = [names[place] for place in by_option if by_option[place] == component]
+        notes += _on_option("measures", component, applied, stated)
+    return components | by_option, notes
 
 
 def _free(table: Table) -> list[int]:
@@ -446,7 +451,7 @@ class _Stream(NamedTuple):
 def _streams(
     name: str,
     channels: Sequence[Channel],
-    given: Mapping[int, str],
+    components: Mapping[int, str],
     rows: Sequence[TimedRow],
     *,
     is_long: bool,
@@ -465,25 +470,22 @@ def _streams(
         free = free_name(stream, streams, "{}-{}")  # unknown quantities of several units
         has_cells = [any(cell_of(row.cells, channel.place) for channel in ours) for row in rows]
         own = list(compress(rows, has_cells)) if is_long else rows
-        streams[free] = _Stream(_info(free, ours, given, own), ours, own)
+        streams[free] = _Stream(_info(free, ours, components, own), ours, own)
     return list(streams.values())
 
 
 def _info(
-    name: str, channels: Sequence[Channel], given: Mapping[int, str], rows: Sequence[TimedRow]
+    name: str, channels: Sequence[Channel], components: Mapping[int, str], rows: Sequence[TimedRow]
 ) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
-    radiation = channels if quantity.units == POWER else ()
-    components = tuple(
-        component_named(channel.label) or given.get(channel.place, "") for channel in radiation
-    )
+    measures = tuple(components.get(channel.place, "") for channel in channels)
     rate_hz, raw_bytes = (
         usual_rate_hz([row.time_ns for row in rows]),
         max((len(_raw(row)) for row in rows), default=1),
     )
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
-        measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
+        measures=measures if any(measures) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
     )  # fmt: skip
 
 
@@ -542,18 +544,6 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
     severity = Severity.INFO if applied else Severity.WARNING
     columns = listing(applied) if len(applied) > _MOST_LISTED else ", ".join(applied) or "no column"
     return [(severity, f"{option} {given} applies to {columns}{note}")]
-
-
-def _on_measures(
-    channels: Sequence[Channel], components: Mapping[int, str], measures: Mapping[str, str]
-) -> Notes:
-    labels = {channel.place: channel.label for channel in channels if channel.meaning.quantity.units == POWER}
-    in_header = [label for label in labels.values() if component_named(label)]
-    notes = Notes()
-    for component in dict.fromkeys(measures.values()):
-        applied = [labels[place] for place in components if components[place] == component]
-        notes += _on_option("measures", component, applied, in_header)
-    return notes
 
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:

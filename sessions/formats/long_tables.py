@@ -18,17 +18,7 @@ import numpy as np
 
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
-from fieldkit.sessions.formats.tables import (
-    THING,
-    VALUE,
-    Column,
-    Row,
-    Table,
-    number_of,
-    number_text,
-    split_head,
-    written_unit,
-)
+from fieldkit.sessions.formats import tables
 from fieldkit.sessions.formats.time_columns import cell_of
 
 _MOST_THINGS = 200
@@ -36,7 +26,7 @@ _A_TIME = re.compile(r"\d\d?\D+\d\d?|\d{5}|^\d+$")
 _NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)
 
 
-def by_thing(path: Path, table: Table) -> Table:
+def by_thing(path: Path, table: tables.Table) -> tables.Table:
     """A long table with a column for each thing; any other as it is.
 
     Raises `ConfigError` where there are too many things.
@@ -46,7 +36,7 @@ def by_thing(path: Path, table: Table) -> Table:
         place
         for place in table.free
         if place not in telling
-        and (table.columns[place].unit or not THING.fullmatch(table.columns[place].label))
+        and (table.columns[place].unit or not tables.THING.fullmatch(table.columns[place].label))
         and table.has_numbers(place)
     ]
     fewest = _fewest(table, telling) or telling[:1]
@@ -66,14 +56,18 @@ def by_thing(path: Path, table: Table) -> Table:
     return replace(_spread(table, things, labels, values), about=text)
 
 
-def _spread(table: Table, things: Mapping[int, str], labels: Sequence[str], values: Sequence[int]) -> Table:
+def _spread(
+    table: tables.Table, things: Mapping[int, str], labels: Sequence[str], values: Sequence[int]
+) -> tables.Table:
     columns, width = [table.columns[place] for place in table.time_at], len(table.time_at)
     rows = [row._replace(cells=_cells(row.cells, table.time_at)) for row in table.rows]
     for thing in labels:
         ours = [at for at, row in enumerate(table.rows) if things[row.number] == thing]
         for place in values:
             old, texts = table.columns[place], {at: cell_of(table.rows[at].cells, place) for at in ours}
-            units = {at: written_unit(table.rows[at].cells, place, old.unit_at) for at in ours if texts[at]}
+            units = {
+                at: tables.written_unit(table.rows[at].cells, place, old.unit_at) for at in ours if texts[at]
+            }
             if not units:
                 continue
             several = len(set(units.values()) - {""}) > 1
@@ -82,9 +76,9 @@ def _spread(table: Table, things: Mapping[int, str], labels: Sequence[str], valu
                 text = f"{texts[at]} {units[at]}" if several and old.unit_at != place else texts[at]
                 rows[at].cells.extend([""] * (len(columns) - len(rows[at].cells)) + [text])
             label = thing if len(values) == 1 else f"{thing} {old.label}"
-            unit = unit or ("" if several else split_head(thing)[1])
+            unit = unit or ("" if several else tables.split_head(thing)[1])
             head = f"{label} [{unit}]" if unit else label
-            columns.append(Column(head, label, unit, old.process, len(columns) if several else -1))
+            columns.append(tables.Column(head, label, unit, old.process, len(columns) if several else -1))
     for row in rows:
         row.cells.extend([""] * (len(columns) - len(row.cells)))
     return replace(table, columns=columns, rows=rows, time_at=tuple(range(width)), long=table, things=things)
@@ -94,12 +88,12 @@ def _cells(cells: Sequence[str], places: Sequence[int]) -> list[str]:
     return [cell_of(cells, place) for place in places]
 
 
-def _timed(table: Table) -> list[Row]:
+def _timed(table: tables.Table) -> list[tables.Row]:
     """The rows without those of a header that stands there again."""
     return [row for row in table.rows if _A_TIME.search(table.time_text(row))]
 
 
-def _telling(table: Table) -> list[int]:
+def _telling(table: tables.Table) -> list[int]:
     """The columns that tell the thing of a row, words before numbers."""
     rows = _timed(table)
     free = [place for place in table.free if not table.columns[place].unit]
@@ -107,7 +101,7 @@ def _telling(table: Table) -> list[int]:
     return sorted(telling, key=lambda place: all(cell_of(row.cells, place).isdecimal() for row in rows))
 
 
-def _fewest(table: Table, telling: Sequence[int]) -> list[int]:
+def _fewest(table: tables.Table, telling: Sequence[int]) -> list[int]:
     """Those of the columns without which fewer things could be told."""
     fewest: list[int] = []
     for place in telling:
@@ -118,12 +112,14 @@ def _fewest(table: Table, telling: Sequence[int]) -> list[int]:
     return fewest
 
 
-def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
+def _is_telling(table: tables.Table, place: int, rows: Sequence[tables.Row]) -> bool:
     cells = [cell_of(row.cells, place).removesuffix(".0") for row in rows]
-    names, by_name = set(cells) - {""}, THING.fullmatch(table.columns[place].label.strip())
+    names, by_name = set(cells) - {""}, tables.THING.fullmatch(table.columns[place].label.strip())
     are_numbers, is_repeated = all(map(str.isdecimal, cells)), 2 * len(names) <= len(cells)
     is_mixed = not (are_numbers or by_name) and any(map(str.isdecimal, names))  # 20, OL, 21
-    is_alone = by_name and not are_numbers and any(VALUE.search(column.label) for column in table.columns)
+    is_alone = (
+        by_name and not are_numbers and any(tables.VALUE.search(column.label) for column in table.columns)
+    )
     if len(names) < (1 if is_alone else 2) or is_mixed or not all(map(_NAME.fullmatch, names)):
         return False
     groups: dict[str, list[str]] = {}
@@ -147,7 +143,7 @@ def _is_telling(table: Table, place: int, rows: Sequence[Row]) -> bool:
     return is_repeated and counts and "" not in cells and (_is_cycle(cells) or _parts(table, rows, cells))
 
 
-def _may_tell(table: Table, place: int) -> bool:
+def _may_tell(table: tables.Table, place: int) -> bool:
     """True for a column of a few words in every row, which may be its condition or its sensor."""
     cells = {cell_of(row.cells, place) for row in table.rows}
     return "" not in cells and 1 < len(cells) <= len(table.rows) / 3 and not table.has_numbers(place)
@@ -163,10 +159,10 @@ def _is_cycle(cells: Sequence[str]) -> bool:
     return is_round and len(cells) >= 3 * len(after) and follow >= 0.9 * (len(cells) - 1)
 
 
-def _parts(table: Table, rows: Sequence[Row], names: Sequence[str]) -> bool:
+def _parts(table: tables.Table, rows: Sequence[tables.Row], names: Sequence[str]) -> bool:
     """True where numbers jump from row to row, and not from row to row of one name."""
     for place in table.free:
-        numbers = np.array([number_of(number_text(cell_of(row.cells, place))) for row in rows])
+        numbers = np.array([tables.number_of(tables.number_text(cell_of(row.cells, place))) for row in rows])
         within = [_jump(numbers[np.array(names) == name]) for name in set(names)]
         if _jump(numbers) > 3.0 * max(within) > 0.0:
             return True

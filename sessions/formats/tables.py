@@ -20,6 +20,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
@@ -403,9 +404,10 @@ def split_head(head: str) -> tuple[str, str]:
     return (head[: brackets.start()], unit) if is_stated and not unit.isdigit() else (head, "")
 
 
-_WITH_UNIT = re.compile(r"([+\-−]?\s*\d[\d.,'’\s]*(?:[eE][+-]?\d+)?)(\D.*)", re.DOTALL)
+_WITH_UNIT = re.compile(r"([+\-−]?\s*\d[\d.,'’\s]*(?:[eE][+-]?\d+)?)([^\W\d_].*|[°º˚%℃℉*(\[?'].*)", re.DOTALL)
 
 
+@lru_cache(1 << 16)
 def split_cell(cell: str) -> tuple[str, str]:
     """Number and unit of a cell, as ``21.5 °C``; the unit ``""`` where it has none that is known."""
     match = _WITH_UNIT.fullmatch(cell)
@@ -418,6 +420,7 @@ _BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
 _GROUPED = re.compile(r"[+-]?\d{1,3}([ \u00a0\u2009\u202f'’´`]\d{3})+([.,]\d*)?")
 
 
+@lru_cache(1 << 16)
 def number_text(cell: str) -> str:
     """A cell without its unit, marks of thousands that are no decimals, and the blank in ``+ 20.081``."""
     text = split_cell(cell)[0].replace("−", "-")

@@ -175,21 +175,21 @@ def long(chance: random.Random, sensors: list[Sensor], mark: str, count: int) ->
 
 def differences(imported, sensors: list[Sensor]) -> list[str]:
     """Channels of the truth that were not read as they are."""
-    found = {}
+    channels = {}
     for info in imported.streams:
         for place, label in enumerate(info.channels):
-            numbers = [one.values[place] for one in readings(imported, info.name)]
-            found[label.lower(), info.unit] = [number for number in numbers if not math.isnan(number)]
+            numbers = [reading.values[place] for reading in readings(imported, info.name)]
+            channels[label.lower(), info.unit] = [number for number in numbers if not math.isnan(number)]
     wrong = []
     for sensor in sensors:
         names = {sensor.name.lower(), f"{sensor.name}_{sensor.spelling}".lower()} | (
             {"value"} if len(sensors) == 1 else set()
         )
         numbers = [
-            channel for (label, unit), channel in found.items() if label in names and unit == sensor.stored
+            channel for (label, unit), channel in channels.items() if label in names and unit == sensor.stored
         ]
         if len(numbers) != 1 or numbers[0] != pytest.approx(sensor.values, rel=1e-6):
-            wrong.append(f"{sensor}: {numbers or list(found)}")
+            wrong.append(f"{sensor}: {numbers or list(channels)}")
     return wrong
 
 
