@@ -26,7 +26,7 @@ from fieldkit.results import import_flir
 from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
-from fieldkit.sessions.formats import stills
+from fieldkit.sessions.formats import jma, stills
 from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
@@ -495,8 +495,12 @@ def _is_jma(source: Path) -> bool:
 
 
 def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
-    read = read_radiation_table if is_radiation_table(source) else read_obsdl
-    return read(source, options.name or "station")
+    name = options.name or "station"
+    if options.date is not None and not is_radiation_table(source) and jma.is_of_one_day(source):
+        of_day = LogOptions(zone=jma.JST, date=f"{options.date}", encoding=jma.encoding_of(source))
+        return read_log(source, name, of_day)
+    _refuse_unused(source, options, {"date"}, "a file with dates")
+    return (read_radiation_table if is_radiation_table(source) else read_obsdl)(source, name)
 
 
 def _bag(source: Path, options: ImportOptions) -> ImportedRecording:
@@ -560,7 +564,7 @@ _FORMATS = (
     _Format("a recording of ROS", is_bag, _bag, _BAG, "UTC"),
     _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, _stills, _FRAMES, "UTC"),
     _Format("a station's file", is_station_file, _station, zone="UTC"),
-    _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
+    _Format("a file of the Japan Meteorological Agency", _is_jma, _jma, frozenset({"date"})),
     _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),
     _Format("a workbook, or a table of a program", is_container, _table, _TABLE - {"encoding"} | {"sheet"}),
     _Format("a table", _is_table, _table, _TABLE),  # last: other formats have the same suffixes

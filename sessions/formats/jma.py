@@ -90,6 +90,11 @@ def is_obsdl(path: Path) -> bool:
         return False
 
 
+def is_of_one_day(path: Path) -> bool:
+    """True if a file is a table of ten-minute values, whose day it does not name."""
+    return _text(path).startswith(_TIME_OF_DAY)
+
+
 def read_obsdl(path: Path, name: str) -> ImportedRecording:
     """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure`` (of the station),
     ``NAME-sea-level-pressure``.
@@ -107,10 +112,7 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     if rows and rows[0][0] == _TIME_OF_DAY:
         raise ConfigError(
-            f"times of day ({_TIME_OF_DAY}) but no date",
-            place=path,
-            fix="write the date before each time (2026-07-05 00:10, the next day's 00:00 for 24:00), "
-            "and import it with " + Argument("zone", "Asia/Tokyo"),
+            f"times of day ({_TIME_OF_DAY}) but no date", place=path, fix=Argument("date", "2026-07-05")
         )
     at = _names_at(rows)
     if at is None:
@@ -345,17 +347,21 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
 
 
 def _text(path: Path) -> str:
-    """The text of such a file, also of one that was saved again as UTF-8; raises `ConfigError`."""
+    """The text of such a file; raises `ConfigError`."""
     try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
-        if len(content) > _MOST_BYTES:
+        if path.stat().st_size > _MOST_BYTES:
             raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
-        with suppress(UnicodeDecodeError):  # Japanese in Shift_JIS is not valid UTF-8, so this comes first
-            return content.decode("utf-8-sig")
-        return content.decode("cp932")
+        return path.read_bytes().decode(encoding_of(path))
     except (OSError, UnicodeDecodeError) as error:
         raise _not_understood(path, str(error)) from error
+
+
+def encoding_of(path: Path) -> str:
+    """Shift_JIS, or UTF-8 of a file that was saved again, which Japanese in Shift_JIS is not by chance."""
+    with suppress(UnicodeDecodeError):
+        path.read_bytes().decode("utf-8-sig")
+        return "utf-8-sig"
+    return "cp932"
 
 
 def _not_understood(path: Path, why: str) -> ConfigError:

@@ -9,6 +9,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Reading, Severity
+from fieldkit.results.importing import ImportOptions, read_source
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.weather import STATIONS
@@ -146,12 +147,18 @@ def test_dates_in_words_are_read(tmp_path, date, expected, name):
 
 
 @pytest.mark.parametrize("encoding", ["cp932", "utf-8", "utf-8-sig"])
-def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path, encoding):
+def test_ten_minute_table_without_a_date_needs_it(tmp_path, encoding):
     path = tmp_path / "ten.csv"
     path.write_bytes("時分,気温(℃)\r\n00:10,22.1\r\n".encode(encoding))
     assert is_obsdl(path)
-    with pytest.raises(ConfigError, check=at(path, Argument("zone", "Asia/Tokyo"))):
-        read_obsdl(path, "jma")
+    with pytest.raises(ConfigError, check=at(path, Argument("date", "2026-07-05"))):
+        read_source(path, ImportOptions())
+    path.write_bytes("時分,気温(℃)\r\n23:50,22.1\r\n24:00,22.2\r\n".encode(encoding))
+    imported = read_source(path, ImportOptions(date="2026-07-05"))
+    assert [utc(reading) for reading in readings(imported, "station")] == [
+        "2026-07-05T14:50:00+00:00",
+        "2026-07-05T15:00:00+00:00",
+    ]
     path.write_bytes("時分,気温(℃)\r\n2026-07-05 00:10,22.1\r\n".encode(encoding))
     assert not is_obsdl(path), "with dates it is a table like any other"
 
