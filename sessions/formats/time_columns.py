@@ -34,13 +34,15 @@ _PARTS = {
         "m": "month months mm mon mo monat mes mois mese mês måned месяц 月",
         "d": "day days dd dom tag día dia jour giorno dag день 日",
         "j": "doy jday julian julianday dayofyear yday",
-        "H": "hour hours hh hr hrs hhmm stunde hora heure ora uur час 時 时",
+        "H": "hour hours hh hr hrs stunde hora heure ora uur час 時 时",
+        "T": "hhmm hrmn",
         "M": "minute minutes min mi mn minuto minuut минута 分",
         "S": "second seconds sec ss sekunde segundo seconde secondo секунда 秒",
     }.items()
     for name in names.split()
 }
 _FRACTION_DIGITS = {"ms": 3, "msec": 3, "millis": 3, "millisecond": 3, "milliseconds": 3, "us": 6, "usec": 6}
+_DIGITS = re.compile(r"\d{1,4}(\.0)?")
 _TIME_OF_DAY = re.compile(r"time|hh|zeit|hora|heure|ora|tijd|時|时", re.IGNORECASE)
 _COUNTED = re.compile(
     r"(?<![^\W_])(ms|msec|mill?i\w*|us|[µμ]s|micro\w*|min|minut\w*|s|se[ck]\w*|segundos|h|hrs?|hours?|stunden|horas"
@@ -167,7 +169,7 @@ def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> t
     parts = parts_of(labels)
     if parts.get("Y") == first:
         return tuple(
-            parts[part] for part in "YjmdHMS" if part in parts and ("j" not in parts or part not in "md")
+            parts[part] for part in "YjmdTHMS" if part in parts and ("j" not in parts or part not in "md")
         )
     cells = [cell_of(row, first) for row in rows]
     places: tuple[int, ...] = (first,)
@@ -175,9 +177,8 @@ def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> t
         places += _time_of_day(path, labels, rows, first)
     after = places[-1] + 1
     digits = _FRACTION_DIGITS.get(labels[after].lower(), 0) if after < len(labels) else 0
-    is_fraction = digits and all(
-        len(cell) <= digits and cell.isdigit() for row in rows if (cell := cell_of(row, after))
-    )
+    fractions = [cell for row in rows if (cell := cell_of(row, after)).isdigit() and len(cell) <= digits]
+    is_fraction = 2 * len(fractions) > len(rows)
     return (*places, after) if is_fraction else places
 
 
@@ -194,7 +195,7 @@ def _time_of_day(path: Path, labels: Sequence[str], rows: Cells, first: int) -> 
     if not is_repeated:
         return ()
     for place in named:
-        if all(re.fullmatch(r"\d{1,4}(\.0)?", cell) for row in rows if (cell := cell_of(row, place))):
+        if 2 * sum(map(bool, map(_DIGITS.fullmatch, (cell_of(row, place) for row in rows)))) > len(rows):
             return tuple(parts.values()) if "H" in parts else (place,)
     raise ConfigError(  # all of them would be put at midnight
         f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
@@ -209,13 +210,10 @@ def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) 
         return f"{time_text(labels[:-1], cells[:-1], has_format=has_format)}.{cells[-1]:0>{digits}}"
     parts = {part: re.sub(r"\.0*$", "", cells[place]) for part, place in parts_of(labels).items()}
     is_split = "Y" in parts
-    if (
-        has_format
-        or len(cells) < 2
-        or not (is_split or "H" in parts or re.fullmatch(r"\d{1,4}(\.0)?", cells[1]))
-    ):
+    if has_format or len(cells) < 2 or not (is_split or "H" in parts or _DIGITS.fullmatch(cells[1])):
         return " ".join(cells)
-    hour = parts.get("H", "0" if is_split else re.sub(r"\.0$", "", cells[1]).zfill(3))
+    digits = parts.get("T", "" if is_split else re.sub(r"\.0$", "", cells[1]))
+    hour = parts.get("H") or digits.zfill(3)
     if len(hour) > 2 and ":" not in hour:  # 100 is one o'clock
         hour = f"{hour[:-2]:0>2}:{hour[-2:]}"
     clock = hour if ":" in hour else f"{hour:0>2}:{parts.get('M', '0'):0>2}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from functools import lru_cache
 from typing import NamedTuple
 from zoneinfo import ZoneInfo, available_timezones
 
@@ -24,9 +25,9 @@ _SUMMER = re.compile(r"daylight|dst|summer|sommer|été|verano|legale|夏", re.I
 _NO = re.compile(r"\W(no|non?e?|nein|off|aus|false|disabled|inactive|0)\W*$", re.IGNORECASE)
 _NAME = re.compile(r"[A-Za-z]+(?:/[\w+-]+)+")
 _OFFSET = re.compile(
-    r"(?<![A-Z])(?:GMT|UTC)\s*([+\-−±])\s*(\d{1,2})(?::?([0-5]\d))?(?![\d.:]|,\d)", re.IGNORECASE
+    r"(?<![A-Z])(?:GMT|UTC)\s*([+\-−±])\s*(\d{1,2}(?!\d)|\d\d)(?::?([0-5]\d))?(?![\d.:]|,\d)", re.IGNORECASE
 )
-_VALUE = re.compile(r"([+\-−])(\d{1,2}):?([0-5]\d)")  # MySQL's, in a field of a zone
+_VALUE = re.compile(r"([+\-−])(\d{1,2}(?=:)|\d\d):?([0-5]\d)")  # MySQL's, in a field of a zone
 _GREENWICH = re.compile(
     r"(?<![^\W_])(GMT|UTC|Z|Coordinated Universal Time)(?![^\W_]|\s*[+\-−±\d])", re.IGNORECASE
 )
@@ -81,9 +82,14 @@ def example(stated: Sequence[Statement]) -> str:
     """A zone that was meant, as far as the words tell."""
     named = (zone.key for one in stated for zone in one.zones if isinstance(zone, ZoneInfo))
     words = " ".join(one.words for one in stated)
-    cities = ((name, name.partition("/")[2].replace("_", " ")) for name in sorted(available_timezones()))
+    cities = ((name, name.partition("/")[2].replace("_", " ")) for name in _names())
     in_words = (name for name, city in cities if city and re.search(rf"\b{city}\b", words) and city != "UTC")
     return next(named, "") or next(in_words, "Asia/Tokyo")
+
+
+@lru_cache
+def _names() -> list[str]:
+    return sorted(available_timezones())
 
 
 def _of_field(field: str) -> Iterator[tzinfo]:
@@ -137,5 +143,5 @@ def _ahead(sign: str, hours: str, minutes: str | None) -> Iterator[tzinfo]:
 
 
 def _fixed(seconds: float) -> Iterator[tzinfo]:
-    if abs(seconds) <= _MOST_S:
+    if abs(seconds) <= _MOST_S and seconds % 900 == 0:  # no zone has other minutes
         yield timezone(timedelta(seconds=seconds))

@@ -35,7 +35,7 @@ def offset_of(index: pd.DatetimeIndex) -> tuple[float, str]:
 
 @st.composite
 def tables(draw):
-    """Text of a table, its truth as a series of UTC, options that are asked for, words that notes must have."""
+    """Text of a table, its truth as a series, the options that are asked for, words that notes must have."""
     name = draw(st.sampled_from(ZONES))
     start = pd.Timestamp(draw(st.sampled_from(["2026-06-11", "2026-01-20"])), tz=name)
     start += pd.Timedelta(minutes=draw(st.integers(0, 1430)))
@@ -48,11 +48,17 @@ def tables(draw):
     )
     if shape in ("hhmm", "parts") and step_s < 60:
         shape = "one"
+    if shape == "ms":
+        lux.index = index = index + pd.Timedelta(milliseconds=draw(st.integers(0, 999)))
     times, asked = cells_of_times(draw, shape, index)
     words, field = stated(draw, name, index)
     if shape == "own":
         words, field = "", ""
-    elif not words and not field or "Standard Time" in field and index[0].dst() or "GMT offset" in field:
+    elif (
+        not (words or field)
+        or ("Standard Time" in field and index[0].dst())
+        or ("GMT offset" in field and "+0" not in field)
+    ):
         asked |= {"zone": ZoneInfo(name)}
     mark = draw(st.sampled_from([",", ";", "\t"]))
     thousands = draw(st.sampled_from(["", "'", "\u202f", "\u00a0", "’"]))
@@ -98,7 +104,7 @@ def cells_of_times(draw, shape: str, index: pd.DatetimeIndex) -> tuple[list[list
         return [[f"t ({unit})"], *([repr(count)] for count in counts)], {
             "start": f"{index[0]:%Y-%m-%dT%H:%M:%S}"
         }
-    return [[head, "ms"], *([f"{t:%Y-%m-%d %H:%M:%S}", "0"] for t in index)], asked
+    return [[head, "ms"], *([f"{t:%Y-%m-%d %H:%M:%S}", str(t.microsecond // 1000)] for t in index)], asked
 
 
 def stated(draw, name: str, index: pd.DatetimeIndex) -> tuple[str, str]:
@@ -115,7 +121,7 @@ def stated(draw, name: str, index: pd.DatetimeIndex) -> tuple[str, str]:
                 ("", f"Time zone: {name}"),
                 ("", f"utc_offset_seconds: {hours * 3600:.0f}"),
                 ("", f"time_zone: {offset}"),
-                ("", f"GMT offset: {hours * 60 + 1:.0f}"),
+                ("", f"GMT offset: {hours * 60:+.0f}"),
                 ("", f"Time zone: {windows}"),
             ]
         )
