@@ -212,8 +212,8 @@ def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) 
     is_split = "Y" in parts
     if has_format or len(cells) < 2 or not (is_split or "H" in parts or _DIGITS.fullmatch(cells[1])):
         return " ".join(cells)
-    digits = parts.get("T", "" if is_split else re.sub(r"\.0$", "", cells[1]))
-    hour = parts.get("H") or digits.zfill(3)
+    unpadded = parts.get("T", "" if is_split else re.sub(r"\.0$", "", cells[1]))
+    hour = parts.get("H") or unpadded.zfill(3)
     if len(hour) > 2 and ":" not in hour:  # 100 is one o'clock
         hour = f"{hour[:-2]:0>2}:{hour[-2:]}"
     clock = hour if ":" in hour else f"{hour:0>2}:{parts.get('M', '0'):0>2}"
