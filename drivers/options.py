@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -10,6 +9,7 @@ from typing import Any
 
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.spelling import did_you_mean
 
 POSITIVE = (0.0, math.inf)
 """Ends of an option that is not negative."""
@@ -20,11 +20,10 @@ def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
     """Raise `ConfigError` for the first option that the driver does not declare."""
     for key in settings.options:
         if key not in allowed:
-            near = difflib.get_close_matches(key, allowed, n=1)
             raise ConfigError(
                 f"the driver {settings.driver} has no option {key!r}",
                 place=settings.name,
-                fix=f"did you mean {near[0]}?" if near else f"it has: {', '.join(sorted(allowed))}",
+                fix=did_you_mean(key, sorted(allowed)),
             )
 
 

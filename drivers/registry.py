@@ -7,7 +7,6 @@ and a driver that cannot be loaded is reported without stopping the others.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import math
 from collections.abc import Mapping, Sequence
@@ -25,6 +24,7 @@ from fieldkit.model.device import Device, DeviceSettings, Driver
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.next_step import Action
+from fieldkit.model.spelling import nearest
 
 GROUP = "fieldkit.drivers"
 
@@ -68,8 +68,8 @@ def get(name: str) -> Driver:
     plugins = [point for point in _plugins() if point.name == name]
     owners = ([DISTRIBUTION] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
     if not owners:
-        near = difflib.get_close_matches(name, names(), n=1)
-        hint = f"did you mean {near[0]}?" if near else Action.FIND_DEVICES() + " lists the drivers"
+        near = nearest(name, names())
+        hint = f"did you mean {near}?" if near else Action.FIND_DEVICES() + " lists the drivers"
         raise ConfigError(f"no such driver; available: {', '.join(names())}", place=name, fix=hint)
     if len(owners) > 1:
         raise ConfigError(

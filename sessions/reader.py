@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
-from difflib import get_close_matches
 from functools import cached_property
 from itertools import compress
 from operator import itemgetter
@@ -35,6 +34,7 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.sessions import entry_rows, layout, stored
 from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
@@ -226,9 +226,8 @@ class SessionReader:
         """The stored rows of a stream, column by column; raises `SessionError` if there is none."""
         self.require_open()
         if name not in self._readers:
-            near = get_close_matches(name, self._readers, n=1)
-            problem = f"no stream {name!r}" + (f"; did you mean {near[0]!r}?" if near else "")
-            raise SessionError(problem, place=self.path, fix=f"it has {', '.join(self._readers)}")
+            fix = did_you_mean(str(name), self._readers)
+            raise SessionError(f"no stream {name!r}", place=self.path, fix=fix)
         return self._readers[name]
 
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:

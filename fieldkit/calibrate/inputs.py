@@ -18,6 +18,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, notify_damage, reading
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
@@ -68,8 +69,8 @@ def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
     for region in regions:
         if region.name == name:
             return region
-    have = ", ".join(region.name for region in regions) or "none"
-    raise ConfigError(f"no region {name!r}", place=path, fix=f"it has {have}; draw: " + Action.ADD_REGION())
+    fix = did_you_mean(name, (region.name for region in regions)) + "; draw: " + Action.ADD_REGION()
+    raise ConfigError(f"no region {name!r}", place=path, fix=fix)
 
 
 def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
@@ -78,9 +79,9 @@ def one_stream(session: SessionReader, quantity: str, name: str | None = None) -
     chosen = [info for info in candidates if name in (None, info.name)]
     if len(chosen) == 1:
         return chosen[0]
-    have = ", ".join(info.name for info in candidates) or "none"
+    fix = did_you_mean(name or "", (info.name for info in candidates))
     which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
-    raise ConfigError(which, place=session.path, fix=f"it has {have}")
+    raise ConfigError(which, place=session.path, fix=fix)
 
 
 def light_meter(session: SessionReader, config: Config) -> StreamInfo:

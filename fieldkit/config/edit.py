@@ -20,6 +20,7 @@ from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action
+from fieldkit.model.spelling import did_you_mean
 
 
 @dataclass
@@ -112,7 +113,7 @@ def remove_region(draft: Draft, name: str) -> None:
 def _find(draft: Draft, name: str) -> int:
     names = _names(draft)
     if name not in names:
-        fix = f"the regions are {', '.join(map(str, names))}" if names else "add it: " + Action.ADD_REGION()
+        fix = did_you_mean(name, map(str, names)) if names else "add it: " + Action.ADD_REGION()
         raise ConfigError("there is no such region", place=name, fix=fix)
     return names.index(name)
 

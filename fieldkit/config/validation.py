@@ -259,7 +259,7 @@ def _unknown_foil(document: Mapping[str, Any]) -> Iterator[Mistake]:
     foil = table_in(document, "simulation").get("foil")
     names = [str(region.get("name")) for _, region in regions_in(document)]
     if foil and foil not in names:
-        yield Mistake(("simulation", "foil"), f"there is no region {foil!r}, only {', '.join(names)}")
+        yield Mistake(("simulation", "foil"), f"no region {foil!r}; {did_you_mean(str(foil), names)}")
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:

@@ -111,7 +111,8 @@ class _Names(dict[str, Any]):
         self._module = module
 
     def __missing__(self, name: str) -> Any:
-        from pydantic import BeforeValidator, InstanceOf, Strict
+        from pydantic import BeforeValidator, GetPydanticSchema, Strict
+        from pydantic_core import core_schema
 
         if name in ("Iterable", "Collection"):  # of which a text is one, letter by letter
             return Sequence
@@ -122,8 +123,9 @@ class _Names(dict[str, Any]):
             return Annotated[value, Strict()]
         if getattr(value, "_is_protocol", False):
             return runtime_checkable(value)
-        is_dataclass_type = isinstance(value, type) and is_dataclass(value)
-        return Annotated[value, InstanceOf()] if is_dataclass_type else value  # type: ignore[type-arg]
+        if isinstance(value, type) and is_dataclass(value):  # not the kinds of its fields as well
+            return Annotated[Any, GetPydanticSchema(lambda *_: core_schema.is_instance_schema(value))]
+        return value
 
     def _for_type_checkers(self, name: str) -> Any:
         tree = ast.parse(Path(self._module["__file__"]).read_text("utf-8"))

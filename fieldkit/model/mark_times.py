@@ -9,6 +9,7 @@ from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.marks import Mark, When
 from fieldkit.model.next_step import Argument
+from fieldkit.model.spelling import did_you_mean
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
@@ -70,5 +71,4 @@ def _after_s(when: When, now: datetime) -> float:
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
     """Raise `ConfigError` for a shade test of a region that there is not."""
     if test is not None and test[0] not in names:
-        fix = f"shade-test and one of {', '.join(names) or 'none'}"
-        raise ConfigError("no region is called so", place=test[0], fix=fix)
+        raise ConfigError("no region is called so", place=test[0], fix=did_you_mean(test[0], names))

@@ -23,6 +23,7 @@ from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, zone_by_longitude
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_devices
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.recordings import sessions_in
@@ -110,8 +111,8 @@ class Campaign:
         paths = self.sessions.paths
         matches = [path for path in paths if path.stem == name or path.stem.endswith(f"-{name}")]
         if not matches:
-            names = ", ".join(path.stem for path in paths) or "none yet"
-            raise SessionError(f"no session {name!r}", place=self.directory, fix=f"it has {names}")
+            fix = did_you_mean(name, (path.stem for path in paths))
+            raise SessionError(f"no session {name!r}", place=self.directory, fix=fix)
         return open_session(matches[-1])
 
     @property

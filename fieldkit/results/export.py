@@ -11,6 +11,7 @@ from pathlib import Path
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.results.result_files import campaign_folder
 from fieldkit.results.sources import SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
@@ -78,9 +79,7 @@ def export(
     ['20160101T190001Z-noon-camera-regions.csv', '20160101T190001Z-noon-lux.csv']
     """
     if to not in EXPORTS:
-        raise ConfigError(
-            "not a kind of export", place=Argument("to", to), fix=f"use one of {', '.join(EXPORTS)}"
-        )
+        raise ConfigError("not a kind of export", place=Argument("to", to), fix=did_you_mean(to, EXPORTS))
     chosen = EXPORTS[to]
     options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
     _refuse_unused(to, {**options, "begin": begin, "until": until})

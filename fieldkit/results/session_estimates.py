@@ -17,6 +17,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SHORT_FIELDS, SLOPE_FIELDS, SlopeEstimate, SlopeState, final_estimates
+from fieldkit.model.spelling import did_you_mean
 from fieldkit.views import formatting, html, learnt_words, plots
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ class LearntSeries:
         try:
             return parameters[name]
         except KeyError:
-            raise KeyError(f"no parameter {name!r}; there are {', '.join(parameters) or 'none'}") from None
+            raise KeyError(f"no parameter {name!r}; {did_you_mean(name, parameters)}") from None
 
     def columns(self) -> dict[str, list[Any]]:
         """The tidy table: a row for each minute and parameter, its prior and its estimate in `unit`."""
@@ -179,9 +180,7 @@ class Estimates:
         try:
             return self.final[region]
         except KeyError:
-            raise KeyError(
-                f"no target region {region!r}; there are {', '.join(self.final) or 'none'}"
-            ) from None
+            raise KeyError(f"no target region {region!r}; {did_you_mean(region, self.final)}") from None
 
     @cached_property
     def final(self) -> dict[str, SlopeEstimate]:

@@ -511,6 +511,9 @@ def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> IntA
         window_s = None if is_learned else known.settings.fixed_window_s
     elif window != "weather":
         window_s = math.inf if window == "all" else as_seconds(window)
+        if window_s < 60.0:
+            what, example = f"{window_s:g} s hold no minute", f"{window_s:g}m"
+            raise ConfigError(what, place=Argument("window"), fix=Argument("window", example))
     history, field = known.history, RegionColumns(known.regions)
     useful = np.flatnonzero(_is_sunlit(known, history) & _is_useful(history, field))
     if not useful.size:

@@ -23,6 +23,7 @@ from fieldkit.model.next_step import Action, Text
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region, Site
+from fieldkit.model.spelling import nearest
 from fieldkit.sessions.reader import SessionReader, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
@@ -194,10 +195,10 @@ def qualified_key(name: str) -> str:
         return names[0]
     if names:
         raise ConfigError("ambiguous", place=name, fix=f'qualify it: estimate({{"{names[0]}": ...}})')
+    near = nearest(name, (key for table in TABLES for key in known_keys((table,))))
+    fix = 'see the configuration reference; other keys need their table: {"record.every_s": 30}'
     raise ConfigError(
-        "not a parameter of an estimate",
-        place=name,
-        fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',
+        "not a parameter of an estimate", place=name, fix=f"did you mean {near}?" if near else fix
     )
 
 

@@ -117,6 +117,7 @@ PLACE, NOON = (37.7, -105.92, 2317.0), "2026-12-11T12:00:00+00:00"
         (lambda: fieldkit.sun(PLACE, 20), "at", "+09:00"),
         (lambda: fieldkit.estimate("a.h5", regions=["b15"]), "regions", "fieldkit.Region"),
         (lambda: fieldkit.estimate("a.h5", model="learnt"), "model", "learned"),
+        (lambda: fieldkit.export("a.h5", "cvs"), "to='cvs'", "csv"),
         (lambda: fieldkit.estimate_together("a.h5"), "sessions", "sessions=['a.h5']"),
         (lambda: fieldkit.estimate_together(Path("a.h5")), "sessions", "a.h5"),
         (lambda: fieldkit.ImportOptions(columns="light"), "columns", "columns=['light']"),

@@ -14,6 +14,7 @@ import xarray as xr
 import fieldkit
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
@@ -31,6 +32,7 @@ from fieldkit.results.sources import settings_from
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.time_map import TimeStep
 from tests.harness.learnt import learnt
+from tests.harness.next_steps import at
 
 
 def test_an_estimate_keeps_all_32_flags_as_a_file_may_state_them():
@@ -53,8 +55,9 @@ def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
 
 
 def test_a_parameter_that_does_not_exist_is_named(sessions):
-    with pytest.raises(ConfigError, match="colour"):
-        estimate(sessions[0], colour=1.0)
+    for name, meant in (("colour", "configuration reference"), ("albdo", "albedo")):
+        with pytest.raises(ConfigError, match=meant, check=at(name)):
+            estimate(sessions[0], {name: 1.0})
 
 
 def test_several_sessions_are_estimated_together_and_a_torn_one_does_not_stop_them(sessions, tmp_path):
@@ -78,6 +81,8 @@ def test_a_slope_map_has_its_arrays_by_pixel(sessions):
     assert arrays["tilt_deg"].attrs["units"] == "degree"
     assert {one.region for one in found.by_region()} >= {"b05", "b15", "b25"}
     assert slope_map(sessions[0], "4m").minutes < found.minutes
+    with pytest.raises(ConfigError, check=at(Argument("window"), Argument("window", "20m"))):
+        slope_map(sessions[0], 20)
 
 
 def test_settings_are_values_by_key_or_key_value_texts(sessions):
