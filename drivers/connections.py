@@ -200,13 +200,13 @@ class UrlPort(NetworkPort):
                 stopbits=line.stop,
                 timeout=SLICE_S,
             )
+            close_on_failure(self.close)
             if not self._serial.is_open:  # serialx leaves that to its caller
                 self._serial.open()
         except ImportError as error:
             raise ConfigError("needs serialx", place=self.path, fix=install_extra("network")) from error
         except (OSError, ValueError) as error:
             raise DeviceNotFoundError(f"no {_PEER} there: {error}", place=self.path, fix=_ADVICE) from error
-        close_on_failure(self.close)
 
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError`."""

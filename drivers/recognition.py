@@ -98,14 +98,15 @@ def _readers(probes: Probes, data: bytes, line: Line | None) -> list[Match]:
 
     What is made for these lines may refuse a quarter more: others read a part of them as something else.
     """
-    matches = []
+    ranked: list[tuple[int, int, int, Match]] = []
     for driver, probe in probes:
         other = {} if line is None or line.baud == probe.line.baud else {"baud": line.baud}
         if not other or "baud" in driver.options:
             match = _match(driver, {**probe.options, **other}, data)
-            matches += [match] if match and 2 * match.refused < len(data) else []
-    rank = {id(match): match.refused - bool(match.options) * len(data) // 4 for match in matches}
-    return sorted(matches, key=lambda match: (rank[id(match)], -len(match.values)))[:1]
+            if match and 2 * match.refused < len(data):
+                lead = len(data) // 4 if probe.options else 0
+                ranked.append((match.refused - lead, -len(match.values), len(ranked), match))
+    return [min(ranked)[-1]] if ranked else []
 
 
 def _ask(settings: DeviceSettings, clock: Clock, probes: Probes) -> Recognition:
