@@ -130,6 +130,7 @@ class Config:
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
             limits=self.limits,
+            kind=self.tables.surface.kind,
             kinds={
                 name: kind
                 for name, kind in self._by_region("surface_kind").items()

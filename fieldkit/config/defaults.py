@@ -25,16 +25,20 @@ def with_defaults(document: Mapping[str, Any], defaults: Mapping[str, Any]) -> d
 
 def with_defaults_of_kind(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The plain configuration with the defaults of its kind of surface, where it does not set them."""
-    kind = _kind(document)
-    return document if kind == SAND else with_defaults(document, KINDS[kind].defaults())
+    kind, is_stated = _kind(document), "albedo" in table_in(document, "surface")
+    if kind == SAND:
+        return document
+    return with_defaults(document, KINDS[kind].defaults(albedo_stated=is_stated))
 
 
 def forget_defaults_of_kind(document: dict[str, Any]) -> None:
     """Remove from a document that states every value those of its kind, so that another can give them."""
-    for name, values in KINDS[_kind(document)].defaults().items():
-        table = document.get(name)
-        if isinstance(table, dict):
-            document[name] = {key: table[key] for key in table if table[key] != values.get(key)}
+    kind = KINDS[_kind(document)]
+    for is_stated in (True, False):
+        for name, values in kind.defaults(albedo_stated=is_stated).items():
+            table = document.get(name)
+            if isinstance(table, dict):
+                document[name] = {key: table[key] for key in table if table[key] != values.get(key)}
 
 
 def _kind(document: Mapping[str, Any]) -> Kind:

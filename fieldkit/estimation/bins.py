@@ -534,6 +534,19 @@ class History:
         last = int(self.minute[-1]) if len(self) else 0
         return self.only(schedule.at(last)), schedule.regions_at(last)
 
+    def averaged(self, minutes: int, holds: BoolArray) -> tuple[History, BoolArray]:
+        """Means of temperatures, sun and weather over each so many minutes, but for those of the last minute,
+        and where a condition `holds` (n,) in all of a mean's.
+        """
+        group = self.minute // minutes
+        past = self.at(np.flatnonzero(group < group.max(initial=0)))
+        first = np.unique(group[: len(past)], return_index=True)[1]
+        means = {name: group_means(getattr(past, name), first) for name in ("sun", "temperature_k", *_REAL)}
+        since_ns = group_means((past.time_ns - self.time_ns[0]).astype(np.float64), first)
+        moments = {"minute": past.minute[first], "time_ns": self.time_ns[0] + since_ns.astype(np.int64)}
+        is_met = group_means(holds[: len(past)].astype(np.float64), first) == 1.0
+        return History(**moments, **means), is_met  # type: ignore[arg-type]
+
     def spread(self, places: Sequence[int], regions: int) -> History:
         """The same with its columns at some places among `regions`; the others are without frames."""
         by_region = {
@@ -574,3 +587,13 @@ def join(parts: Sequence[History]) -> History:
     """Histories of the same columns as one, in the order given."""
     arrays = [part.arrays() for part in parts]
     return History(**{name: np.concatenate([array[name] for array in arrays]) for name in arrays[0]})
+
+
+def group_means(values: FloatArray, start: IndexArray) -> FloatArray:
+    """Means of the groups of rows (n,) or (n, m) that begin at `start` (k,), without NaN."""
+    if not start.size:
+        return values[:0]
+    is_finite = np.isfinite(values)
+    total = np.add.reduceat(np.where(is_finite, values, 0.0), start, axis=0)
+    count = np.add.reduceat(is_finite.astype(np.int64), start, axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

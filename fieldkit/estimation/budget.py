@@ -23,7 +23,6 @@ from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments, prior_places
 from fieldkit.estimation.normal import tangents
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.weather_reference import INPUTS
 from fieldkit.model.arrays import FloatArray
 
 REST = "noise, drift and passing fluxes"
@@ -90,9 +89,6 @@ def _priors(learner: Learner) -> dict[str, float]:
 
 # --- by the full model, from its rows
 
-GAIN = ("gain", "exchange", "level gain", "level exchange")
-"""Inputs that decide how many kelvin a watt per square metre causes."""
-
 
 @dataclass(frozen=True, slots=True)
 class RowBudget:
@@ -115,22 +111,6 @@ class RowBudget:
         sds = self._input_sds()
         names, covariance = self._covariance(sds)
         return budget_of(Moments(names, np.zeros(len(names)), covariance), "tilt", "offset", sds)
-
-    def north_south_deg(self) -> tuple[float, float]:
-        """How far the gain moves the slope to north or south, and all else: standard deviations in degrees.
-
-        Gain is kelvin per watt: absorbed light and heat exchange, of the target and of its reference.
-        """
-        sds = self._input_sds()
-        towards = np.array([along[1] for along in tangents(self.slope)])
-        variances = []
-        for inputs_known in ((), GAIN):
-            certain = {name: 0.0 if name in inputs_known else sd for name, sd in sds.items()}
-            names, covariance = self._covariance(certain)
-            count = len(names) - len(sds)
-            variances.append(float(towards[:count] @ covariance[:count, :count] @ towards[:count]))
-        moved = max(variances[0] - variances[1], 0.0)
-        return math.sqrt(moved), math.sqrt(variances[1])
 
     def _covariance(self, sds: Mapping[str, float]) -> tuple[tuple[str, ...], FloatArray]:
         """Names and joint covariance after the data: of tilt, direction unless known, and all inputs."""
@@ -165,7 +145,5 @@ class RowBudget:
         if settings.model == "full":
             sds |= {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
         # these are known by their effect alone
-        levels = INPUTS if settings.reference == "weather" else ()
-        emissivities = 1 + len(rows.light) + len(rows.systematics) - len(sds) - len(levels)
-        others = [*(f"emissivity {number}" for number in range(1, emissivities + 1)), *levels]
-        return sds | dict.fromkeys(others, 1.0)
+        emissivities = 1 + len(rows.light) + len(rows.systematics) - len(sds)
+        return sds | dict.fromkeys((f"emissivity {number}" for number in range(1, emissivities + 1)), 1.0)

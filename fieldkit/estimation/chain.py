@@ -25,6 +25,7 @@ from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import blank_estimate, budgets, kelvin_per_degree, slopes
+from fieldkit.estimation.weather_slopes import ROW_MINUTES, weather_slopes
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
@@ -82,6 +83,7 @@ class SlopeChain:
         model = "full" if settings.model == "learned" else settings.model
         self._of_bins = replace(settings, model=model)  # by the bins alone, where nothing can be learned
         self._groups: list[_Group] = []
+        self._by_weather: tuple[object, tuple[SlopeEstimate, ...]] = (None, ())
         self._active: tuple[int, ...] = ()
         self._taken = 0
         self._regroup(self.schedule.at(0))
@@ -92,7 +94,7 @@ class SlopeChain:
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
         of_active, regions = history.at_last(self.schedule)
         if estimated is None:
-            estimated = Estimated(slopes(of_active, regions, self._of_bins))
+            estimated = Estimated(self._slopes_of_bins(of_active, regions))
         explained = [self._with_reason(slope, minute) for slope in estimated.slopes]
         # a slope has two angles, and too few minutes measure one number: its component along the sun
         if any(slope.state is SlopeState.TOO_FEW for slope in explained):
@@ -101,6 +103,16 @@ class SlopeChain:
             explained = [replace(slope, reason=LOST) for slope in estimated.slopes]
         explained = [self._beside_other_cameras(slope, regions) for slope in explained]
         return replace(estimated, slopes=tuple(explained))
+
+    def _slopes_of_bins(self, history: History, regions: Sequence[Region]) -> tuple[SlopeEstimate, ...]:
+        """Slopes that need the bins alone; those from the weather change with whole rows of ten minutes."""
+        if self._settings.reference == "region" or not len(history):
+            return slopes(history, regions, self._of_bins)
+        row = (int(history.minute[-1]) // ROW_MINUTES, *regions)
+        if self._by_weather[0] != row:
+            self._by_weather = row, weather_slopes(history, regions, self._settings)
+        now = int(history.time_ns[-1])
+        return tuple(replace(slope, time_ns=now) for slope in self._by_weather[1])
 
     def series(self, history: History) -> Iterator[Estimated]:
         """Slopes at every minute of a history."""
@@ -126,16 +138,16 @@ class SlopeChain:
 
     def _at_once(self, history: History, starts: Sequence[int]) -> Estimated:
         corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
-        for group in self._groups:
+        for group in self._groups if self._learns else ():
             group.take_at_once(corrected, starts)
         self._taken = len(history)
         return self.at(history)
 
     def budgets(self, history: History) -> dict[str, tuple[BudgetTerm, ...]]:
-        """The uncertainty budget of each target, after `at` of this history; none by the paper."""
+        """The uncertainty budget of each target, after `at` of this history; none from the weather alone."""
         if self._learns and self._groups:
             return {name: terms for group in self._groups for name, terms in group.budgets()}
-        if self._of_bins.model == "paper" or not len(history):
+        if self._settings.reference == "weather" or not len(history):
             return {}
         return budgets(*history.in_place().at_last(self.schedule), self._of_bins)
 
@@ -187,10 +199,8 @@ class SlopeChain:
     def _beside_other_cameras(self, estimate: SlopeEstimate, regions: Sequence[Region]) -> SlopeEstimate:
         """Say that a slope includes the offset between cameras: its own has no reference."""
         cameras = {region.camera for region in regions if region.kind is RegionKind.REFERENCE}
-        if self._settings.reference == "weather":
-            cameras.add("")  # the level surface by the weather stands in for a region of the first camera
         region = next(region for region in regions if region.name == estimate.region)
-        if not cameras or region.camera in cameras:
+        if not cameras or region.camera in cameras or self._settings.reference == "weather":
             return estimate
         return replace(estimate, reason="; ".join(filter(None, (estimate.reason, OTHER_CAMERA))))
 

@@ -46,8 +46,11 @@ class EstimatorKeys:
     )
     reference: Literal["region", "weather"] = key(
         "region",
-        "weather: an experiment, a level surface computed from light and air, with paper and full; "
+        "weather: none, slopes from the weather alone, by a model of its own for plates and walls; "
         "region: those of known slope",
+    )
+    air: Literal["measured", "model"] = key(
+        "measured", "model: weather of a satellite or forecast; for slopes from the weather alone"
     )
     window_s: Seconds | Literal["weather"] = key(
         "weather",

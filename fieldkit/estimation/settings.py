@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
-from fieldkit.estimation.surface_kinds import KINDS, Kind, Unlike
+from fieldkit.estimation.surface_kinds import KINDS, SAND, Kind, Unlike
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.horizon import Horizon
@@ -36,6 +36,8 @@ class EstimatorSettings(EstimatorKeys):
         Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
     limits
         Rows of the table of limits that differ (`fieldkit.model.limits.rows_of`).
+    kind
+        Kind of the surface.
     kinds
         Kind of surface of each region that has another one than the references, by its name; learned only.
     probes
@@ -68,6 +70,7 @@ class EstimatorSettings(EstimatorKeys):
     light_stream: str = ""
     measures: Mapping[str, str] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    kind: Kind = SAND
     kinds: Mapping[str, Kind] = field(default_factory=dict)
     probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     horizon: Horizon = ()

@@ -30,7 +30,6 @@ from fieldkit.estimation.methods import Solution, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -81,8 +80,6 @@ def _by_camera(history: History, regions: Sequence[Region]) -> Iterator[tuple[Hi
 def _slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
-    if settings.reference == "weather":
-        history, regions = beside_level(history, regions, settings)
     columns = RegionColumns(tuple(regions))
     clouded = (history.flags & Quality.CLOUD) != 0
     last = len(history)
@@ -102,8 +99,6 @@ def budgets(
     """Uncertainty budget of every target that has a slope at the last minute, by the full model."""
     terms: dict[str, tuple[BudgetTerm, ...]] = {}
     for bins, seen in _by_camera(history, regions):
-        if settings.reference == "weather":
-            bins, seen = beside_level(bins, seen, settings)
         terms |= Window(bins, len(bins), RegionColumns(tuple(seen)), settings).budgets()
     return terms
 
@@ -171,9 +166,7 @@ class Window:
         self.rows: Rows | None = None
         if last and columns.references.size and columns.targets.size:
             corrected = remove_offsets(self.past, columns.regions, settings)
-            shifted = [*shifted_temperatures(corrected.temperature_k, columns.regions, settings)]
-            if settings.reference == "weather":
-                shifted += shifted_levels(corrected, settings)
+            shifted = shifted_temperatures(corrected.temperature_k, columns.regions, settings)
             self.rows = least_squares_rows(corrected, self.first, columns, settings, shifted)
 
     def estimates(self, indices: Sequence[int]) -> list[SlopeEstimate]:
@@ -190,8 +183,6 @@ class Window:
         ):
             azimuth = self._known_azimuth(self.columns.targets[index])
             by_target[index] = _with_solution(by_target[index], solution, self.rows, index, azimuth)
-            if self.settings.reference == "weather" and solution.best is not None:
-                by_target[index] = self._with_gain(by_target[index], index, solution.best)
             if not solution.explained:
                 unexplained.append(index)
         if unexplained and self.shorter is not None:
@@ -200,16 +191,6 @@ class Window:
             nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
             by_target |= {index: solution for index, solution in later if solution.state not in nothing}
         return list(by_target.values())
-
-    def _with_gain(self, estimate: SlopeEstimate, index: int, best: FloatArray) -> SlopeEstimate:
-        """`UNCERTAIN` where the gain of the level surface alone decides the tilt along the meridian."""
-        if estimate.state not in (SlopeState.OK, SlopeState.FLAT, SlopeState.UNCERTAIN) or self.rows is None:
-            return estimate
-        moved, remainder = self._budget(self.rows, index, best).north_south_deg()
-        if moved <= remainder:
-            return estimate
-        reason = f"north–south undetermined: the gain of such a surface moves it by ±{moved:.0f}°"
-        return replace(estimate, state=SlopeState.UNCERTAIN, reason=reason)
 
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target with a slope, by its name."""
@@ -319,13 +300,10 @@ class Window:
             elevation = math.degrees(math.asin(self.past.sun[-1, 2]))
             reason = f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°"
             return SlopeState.LOW_SUN, reason
-        no_reference = "no temperatures of the reference"
-        if self.settings.reference == "weather":
-            no_reference = "no air temperature for its reference"
         has_light = np.isfinite(self.past.dni_w_m2[self.first :]).any()
         for what, is_known in (
             ("no temperatures of this region", self._has_temperature[column]),
-            (no_reference, self._has_temperature[self.columns.references].any()),
+            ("no temperatures of the reference", self._has_temperature[self.columns.references].any()),
             ("no irradiance", has_light),
         ):
             if not is_known:
@@ -383,8 +361,9 @@ def _first(past: History, settings: EstimatorSettings, minutes: float | None) ->
 
 def label_of(settings: EstimatorSettings) -> str:
     """The model of a slope in words, with the method where there is a choice."""
-    method = "" if settings.model == "learned" else f", {settings.method}"
-    return f"{settings.model}{method}{', azimuth known' if settings.azimuth == 'known' else ''}"
+    model = settings.model if settings.model == "learned" else f"{settings.model}, {settings.method}"
+    words = "weather" if settings.reference == "weather" else model
+    return f"{words}{', azimuth known' if settings.azimuth == 'known' else ''}"
 
 
 def _with_solution(

@@ -28,6 +28,7 @@ class SurfaceKind:
     capacity, inertia and depth are of the layer under the surface, `deep_share` is the probability that heat
     reaches no bottom. `normal_horizontal_sd` is of each horizontal component of a normal. `exchange_m_s`,
     `exchange_sd` and `scale_sd` are the same for the models paper and full; by default those above.
+    `stated_gain_sd` is `gain_sd` where the albedo is stated; by default as it is.
     """
 
     exchange_w_m2_k: float
@@ -46,14 +47,16 @@ class SurfaceKind:
     exchange_m_s: float | None = None
     exchange_sd: float | None = None
     scale_sd: float | None = None
+    stated_gain_sd: float | None = None
 
     @property
     def tilt_limit_deg(self) -> float:
         """Upper limit of the tilt."""
         return 90.0 if self.normal_horizontal_sd > STEEP_SD else 45.0
 
-    def defaults(self) -> dict[str, dict[str, float]]:
-        """The values as tables of ``fieldkit.toml``."""
+    def defaults(self, *, albedo_stated: bool = False) -> dict[str, dict[str, float]]:
+        """The values as tables of ``fieldkit.toml``; an albedo of the surface itself narrows the gain."""
+        gain_sd = self.stated_gain_sd if albedo_stated and self.stated_gain_sd else self.gain_sd
         priors = (
             "exchange_w_m2_k exchange_log_sd wind_w_m2_k_per_m_s wind_sd_w_m2_k_per_m_s gain_sd"
             " inertia_log_sd depth_log_sd deep_share normal_horizontal_sd"
@@ -62,14 +65,14 @@ class SurfaceKind:
         estimator = {
             "tilt_limit_deg": self.tilt_limit_deg,
             "exchange_sd": self.exchange_log_sd if self.exchange_sd is None else self.exchange_sd,
-            "scale_sd": self.gain_sd if self.scale_sd is None else self.scale_sd,
+            "scale_sd": gain_sd if self.scale_sd is None else self.scale_sd,
         }
         return {
             "surface": {"albedo": self.albedo},
             "air": {"exchange_m_s": self.exchange_m_s or round(self.exchange_w_m2_k / _AIR_J_M3_K, 4)},
             "slab": {name: getattr(self, name) for name in slab},
             "estimator": estimator,
-            "prior": {name: getattr(self, name) for name in priors.split()},
+            "prior": {**{name: getattr(self, name) for name in priors.split()}, "gain_sd": gain_sd},
         }
 
 
@@ -127,8 +130,11 @@ KINDS: Mapping[Kind, SurfaceKind] = {
     # the latitude, up to vertical
     "plate": SurfaceKind(30.0, 0.2, 4.0, 2.0, 0.20, 0.15, 1.0, 2.2e6, 0.4, 0.005, 0.5, 0.01, 0.6),
     # exchange 4 + 4 U (ISO 6946); albedo of brick 0.20 to 0.40, concrete 0.10 to 0.35, white paint 0.50 to
-    # 0.90; inertia of brick 1065, of dense concrete 1785 (Oke); render on insulation is thin
-    "wall": SurfaceKind(12.0, 0.4, 4.0, 1.5, 0.35, 0.25, 0.83, 1.5e6, 0.4, 0.10, 1.0, 0.2, 0.6),
+    # 0.90: known to a factor, where it is stated within 0.05; inertia of brick 1065, of dense concrete 1785
+    # (Oke); render on insulation is thin
+    "wall": SurfaceKind(
+        12.0, 0.4, 4.0, 1.5, 0.50, 0.50, 0.83, 1.5e6, 0.4, 0.10, 1.0, 0.2, 0.6, stated_gain_sd=0.15,
+    ),
     # smooth: bulk coefficients of 1.5 to 2.5e-3 at 2 to 5 m/s give 4 to 15; albedo 0.40 (old) to 0.95
     # (fresh), so that absorbed light is known to a factor; inertia 130 (fresh) to 595 (old) (Oke)
     "snow": SurfaceKind(8.0, 0.5, 2.0, 1.0, 0.80, 0.5, 0.18, 0.42e6, 0.45, 0.30, 0.7, 0.8),

@@ -12,12 +12,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from fieldkit.estimation.bins import History
+from fieldkit.estimation.bins import History, group_means
 from fieldkit.estimation.chain import SlopeChain, rows_after_gaps
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.together import Part
-from fieldkit.model.arrays import FloatArray, IndexArray, IntArray
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import Excess, bounds_by_name, excesses
 from fieldkit.model.samples import is_usable
@@ -133,7 +133,7 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     values = np.column_stack([*logged.values(), table.reference_k, *table.targets_k.values()])
     values[~is_usable(flags)] = np.nan
     minutes, start = np.unique(time_ns // MINUTE_NS, return_index=True)
-    means = _means(values, start)
+    means = group_means(values, start)
     counts = np.diff(np.append(start, rows))
     middle = np.add.reduceat(time_ns - minutes[0] * MINUTE_NS, start) // counts + minutes[0] * MINUTE_NS
     merged = np.bitwise_or.reduceat(flags, start)
@@ -169,11 +169,3 @@ def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSetting
     reading = next((column for column in columns if column is not None), nothing)
     diffuse = nothing if table.diffuse_w_m2 is None else table.diffuse_w_m2
     return direct_normal(settings.irradiance, reading, sun, table.time_ns, diffuse)
-
-
-def _means(values: FloatArray, start: IndexArray) -> FloatArray:
-    """Means of the groups of rows that begin at `start`, without NaN."""
-    is_finite = np.isfinite(values)
-    total = np.add.reduceat(np.where(is_finite, values, 0.0), start, axis=0)
-    count = np.add.reduceat(is_finite.astype(np.int64), start, axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

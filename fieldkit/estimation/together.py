@@ -66,7 +66,7 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     for before, after in pairwise(parts):
         _require_later(before, after)
     last = parts[-1]
-    if last.settings.model != "learned":
+    if last.settings.model != "learned" and last.settings.reference == "region":
         raise ConfigError(
             "only the learned model estimates sessions together",
             place=last.name,

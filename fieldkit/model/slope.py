@@ -156,6 +156,12 @@ class SlopeEstimate:
         "upper end of the likelihood region of the tilt towards the sun", pair="along_sun_region_deg"
     )
     sun_azimuth_deg: float = _number("azimuth that `along_sun_deg` is the tilt towards")
+    east_deg: float = _number("by how much the normal leans to the east, from the weather alone")
+    east_low_deg: float = _number("lower end of its interval", pair="east_region_deg")
+    east_high_deg: float = _number("upper end of its interval", pair="east_region_deg")
+    north_deg: float = _number("by how much the normal leans to the north, from the weather alone")
+    north_low_deg: float = _number("lower end of its interval", pair="north_region_deg")
+    north_high_deg: float = _number("upper end of its interval", pair="north_region_deg")
 
     def __repr__(self) -> str:
         tilt = f"tilt {self.tilt_deg:.1f}° ({self.tilt_low_deg:.1f} to {self.tilt_high_deg:.1f})"

@@ -52,8 +52,8 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "min_minutes = 9\ncontour_tolerance_w_m2 = 5\ncontour_threshold = 0.6\nscale = 1.1\n"
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
-        'confidence = 0.8\nreference = "weather"\n'
-        "[surface]\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n"
+        'confidence = 0.8\nreference = "weather"\nair = "model"\n'
+        '[surface]\nkind = "rock"\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n'
         "reflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
         '[irradiance]\nmeasures = {sun = "ghi"}\nstream = "sun"\n'
@@ -70,10 +70,11 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
         "horizon = [[0, 5], [90, 12.5]]\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
-        '[[region]]\nname = "rocks"\nsurface_kind = "rock"\npoints_px = [[4, 0], [5, 0], [5, 1]]\n'
+        '[[region]]\nname = "rocks"\nsurface_kind = "soil"\npoints_px = [[4, 0], [5, 0], [5, 1]]\n'
     ).estimator_settings()
     assert given == EstimatorSettings(
-        kinds={"rocks": "rock"},
+        kind="rock",
+        kinds={"rocks": "soil"},
         site=Site(35.5, 139.4, timezone="Asia/Tokyo"),
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
         irradiance=IrradianceModel(
@@ -86,6 +87,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         horizons={"flat": ((0.0, 5.0), (90.0, 12.5))},
         method="contours",
         reference="weather",
+        air="model",
         model="full",
         window_s=900.0,
         azimuth="known",

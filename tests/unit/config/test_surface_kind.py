@@ -78,6 +78,13 @@ def test_explicit_keys_win_over_the_kind():
     assert settings.tilt_limit_deg == 30.0
 
 
+def test_a_stated_albedo_narrows_the_gain_of_a_wall():
+    by_kind, stated = (config(f'[surface]\nkind = "wall"\n{key}') for key in ("", "albedo = 0.77\n"))
+    assert (by_kind.tables.prior.gain_sd, stated.tables.prior.gain_sd) == (0.5, 0.15)
+    again = config_from_text(stated.to_toml(), HERE, settings=["surface.kind=snow"])
+    assert (again.tables.prior.gain_sd, again.tables.surface.albedo) == (KINDS["snow"].gain_sd, 0.77)
+
+
 def test_a_recorded_session_is_estimated_as_another_kind():
     """A session states every value that was used: those of its kind give way, others do not."""
     stored = config("[prior]\nexchange_log_sd = 0.3\n").to_toml()
