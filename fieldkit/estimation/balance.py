@@ -141,14 +141,19 @@ def least_squares_rows(
     shade = (np.maximum(vertical + around_sun, 0.0) + around_sun) / beam
     reference = columns.reference_normals[references].mean(axis=0)
     steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
-    systematics = _offset_drift_exchange(history, first, over_k, steepness, settings)
+    drift_k = (
+        settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean())[:, np.newaxis] / 60.0
+    )
+    exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over_k, first)
+    systematics = [settings.offset_sd_k * steepness, drift_k * steepness, exchange]
     kernel = np.zeros(1)
     # one minute alone shows nothing of the stored heat
     stores_heat = settings.model == "full" and len(history) > 1
     if stores_heat:
         storage_flux = conduction(history.minute, over_k, settings.slab)
-        for slab in _perturbed_slabs(settings):
-            systematics.append(conduction(history.minute, over_k, slab) - storage_flux)
+        systematics[1] += conduction(history.minute, drift_k, settings.slab)
+        perturbed = (conduction(history.minute, over_k, slab) for slab in _perturbed_slabs(settings))
+        systematics += [flux - storage_flux for flux in perturbed]
         kernel = smoothed_kernel(settings.slab)
     for shifted in shifted_k:
         other_k, other_reference_k = shifted[:, columns.targets], shifted[:, columns.references[references]]
@@ -182,15 +187,6 @@ def _measured_references(history: History, first: int, columns: RegionColumns) -
     """References with any temperature in the window; all if none has, so that their mean is NaN."""
     measured = np.isfinite(history.temperature_k[first:, columns.references]).any(axis=0)
     return np.asarray(measured | ~measured.any())
-
-
-def _offset_drift_exchange(
-    history: History, first: int, over_k: FloatArray, steepness: FloatArray, settings: EstimatorSettings
-) -> list[FloatArray]:
-    """Heat (n, m) for one standard uncertainty of offset, drift and exchange with the air, W/m2."""
-    drift = settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean()) / 60.0
-    exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over_k, first)
-    return [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
 
 
 def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The uncertainty budget of a slope by the learned or the full model, as the GUM tabulates it.
+"""The uncertainty budget of a slope by any model, as the GUM tabulates it.
 
 To first order a tilt is ``y = sum c_i x_i + rest``: the sensitivities c are the regression of the tilt on the
 parameters over the posterior, so inputs that the data have tied to each other count once. The share of an
@@ -10,7 +10,7 @@ posterior is that of the learned model, or that of rows with their inputs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +22,10 @@ from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments, prior_places
 from fieldkit.estimation.normal import tangents
-from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.region_temperatures import uncertain_inputs
+from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.site import Region
 
 REST = "noise, drift and passing fluxes"
 UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}
@@ -71,7 +73,8 @@ def budget_of(joint: Moments, tilt: str, offset: str, priors: Mapping[str, float
         "A" if sd < LEARNT_SHARE * prior else "B" for sd, prior in zip(sds, priors.values(), strict=True)
     ]
     rows = zip(inputs, kinds, sds.tolist(), sensitivity.tolist(), shares.tolist(), strict=True)
-    terms = [BudgetTerm(name, UNITS.get(name, ""), *numbers) for name, *numbers in rows]
+    units = {name: UNITS.get(name.partition(" of ")[0], "") for name in priors}
+    terms = [BudgetTerm(name, units[name], *numbers) for name, *numbers in rows]
     remainder = max(1.0 - float(shares.sum()), 0.0)
     rest = BudgetTerm(REST, UNITS[REST], "A", float(np.sqrt(remainder * variance)), 1.0, remainder)
     return tuple(sorted([*terms, rest], key=lambda one: -one.share))
@@ -87,16 +90,19 @@ def _priors(learner: Learner) -> dict[str, float]:
     return {name: sds[name] for name in ("gain", *STATES, "offset", *LOGARITHMS)}
 
 
-# --- by the full model, from its rows
+# --- by the models of rows, paper and full
+
+ASSUMED = ("exchange", "conductivity", "heat capacity", "emissivity")
+"""Inputs whose effect on a row is that of a higher assumption, not of a higher true value."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowBudget:
-    """The slope of one target by the full model, to first order about the one that was found.
+    """The slope of one target by the model paper or full, to first order about the one that was found.
 
     `target` is its column in the `rows`, `weights` (n,) are inverse variances, zero for an excluded row,
-    `slope` is the unit normal (3,). `history` and `settings`: the minutes, standard uncertainties before the
-    data, and whether azimuths are known.
+    `slope` is the unit normal (3,). `history`, `regions` and `settings`: the minutes and their columns,
+    standard uncertainties before the data, and whether azimuths are known.
     """
 
     rows: Rows
@@ -104,46 +110,47 @@ class RowBudget:
     weights: FloatArray
     slope: FloatArray
     history: History
+    regions: Sequence[Region]
     settings: EstimatorSettings
 
     def terms(self) -> tuple[BudgetTerm, ...]:
         """Budget of the tilt, the largest share first."""
-        sds = self._input_sds()
-        names, covariance = self._covariance(sds)
-        return budget_of(Moments(names, np.zeros(len(names)), covariance), "tilt", "offset", sds)
-
-    def _covariance(self, sds: Mapping[str, float]) -> tuple[tuple[str, ...], FloatArray]:
-        """Names and joint covariance after the data: of tilt, direction unless known, and all inputs."""
-        rows, used = self.rows, self.weights > 0.0
-        effects = [
-            rows.design @ (self.slope - rows.reference) * sds["gain"],
-            *rows.light_effects(self.slope[np.newaxis])[:, 0],
-            *rows.systematics[:, :, self.target],
-        ]
-        angles = tangents(self.slope)[: 1 if self.settings.azimuth == "known" else 2]
-        is_open = [sd > 0.0 for sd in sds.values()]
-        columns = np.stack([*(rows.design @ np.radians(angle) for angle in angles), *effects])[:, used]
-        columns[len(angles) :] *= np.array(is_open)[:, np.newaxis]
-        information = columns * self.weights[used] @ columns.T
+        rows, sds, light = self.rows, self._input_sds(), self.rows.light_effects(self.slope[np.newaxis])[:, 0]
+        # as the estimate weights them: what is uncertain of the light passes with the clouds
+        weights = self.weights / (1.0 + self.weights * np.sum(light**2, axis=0))
+        used = weights > 0.0
+        effects = np.stack(
+            [
+                rows.design @ (self.slope - rows.reference) * sds["gain"],
+                *light,
+                *rows.systematics[:, :, self.target],
+            ]
+        )
+        signs = [0.0 if not sd else -1.0 if name.startswith(ASSUMED) else 1.0 for name, sd in sds.items()]
+        angles = np.radians(tangents(self.slope)[: 1 if self.settings.azimuth == "known" else 2])
+        columns = np.vstack([angles @ rows.design.T, np.array(signs)[:, np.newaxis] * effects])[:, used]
+        information = columns * weights[used] @ columns.T
         # few rows may leave an angle open: a prior so wide that it never counts keeps the matrix regular
         information += np.diag([*np.full(len(angles), 1e-9), *np.ones(len(effects))])
         units = np.array([*np.ones(len(angles)), *sds.values()])
         names = ("tilt", "direction")[: len(angles)] + tuple(sds)
-        return names, np.linalg.inv(information) * np.outer(units, units)
+        covariance = np.linalg.inv(information) * np.outer(units, units)
+        return budget_of(Moments(names, np.zeros(len(names)), covariance), "tilt", "offset", sds)
 
     def _input_sds(self) -> dict[str, float]:
         """Standard uncertainty of each input before the data: scale, `LIGHT` and systematics, in order."""
-        rows, settings = self.rows, self.settings
-        light = dict(zip(LIGHT, light_sds(self.history, settings), strict=True)) if rows.light.size else {}
-        sds = {
-            "gain": math.hypot(settings.scale_sd, settings.factor_sd),
-            **light,
+        settings, is_full = self.settings, self.settings.model == "full"
+        light = zip(LIGHT, light_sds(self.history, settings), strict=True) if is_full else ()
+        layer = {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
+        # one minute alone shows nothing of the stored heat
+        stores_heat = is_full and len(self.history) > 1
+        neglected = 0.0 if is_full else PAPER_SCALE_SD
+        return {
+            "gain": math.hypot(settings.scale_sd, settings.factor_sd, neglected),
+            **dict(light),
             "offset": settings.offset_sd_k,
             "drift": settings.drift_sd_k_per_h,
             "exchange": settings.exchange_sd,
+            **(layer if stores_heat else {}),
+            **{name: sd for name, sd, *_ in uncertain_inputs(self.regions, settings)},
         }
-        if settings.model == "full":
-            sds |= {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
-        # these are known by their effect alone
-        emissivities = 1 + len(rows.light) + len(rows.systematics) - len(sds)
-        return sds | dict.fromkeys((f"emissivity {number}" for number in range(1, emissivities + 1)), 1.0)

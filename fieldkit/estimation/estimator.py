@@ -120,7 +120,7 @@ class Estimator:
         return [*chain.from_iterable(hours), *self._last_minutes]
 
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
-        """The uncertainty budget of each target after the last minute; none by the paper."""
+        """The uncertainty budget of each target after the last minute; none from the weather alone."""
         return self._chain.budgets(self.history)
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:

@@ -42,32 +42,43 @@ def remove_offsets(history: History, regions: Sequence[Region], settings: Estima
     return replace(history, temperature_k=kelvin)
 
 
-def shifted_temperatures(
-    temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
-) -> Iterator[FloatArray]:
-    """Temperatures (n, regions) with one emissivity a standard uncertainty higher, for each that has one.
+def uncertain_inputs(
+    regions: Sequence[Region], settings: EstimatorSettings
+) -> Iterator[tuple[str, float, list[int], float | None]]:
+    """Name, standard uncertainty, columns and emissivity of each input that shifts temperatures of regions.
 
-    Those of surfaces, with their emissivities and the uncertainties of these by the settings; `regions` are
-    the columns. Then with each other camera than that of the first region one standard uncertainty warmer.
+    Offsets of other cameras than that of the first region, in kelvin and without emissivity; then each
+    emissivity with a stated uncertainty.
     """
     for camera in dict.fromkeys(region.camera for region in regions):
         if camera != regions[0].camera:
-            is_of = np.array([region.camera == camera for region in regions])
-            yield temperature_k + CAMERA_OFFSET_SD_K * is_of
-    own = [column for column, region in enumerate(regions) if not math.isnan(region.emissivity)]
-    common = [column for column in range(len(regions)) if column not in own]
-    surface = settings.surface.emissivity
-    sources = [(common, surface, settings.emissivity_sd)]
-    sources += [
-        ([column], regions[column].emissivity, settings.own_emissivity_sd.get(regions[column].name, 0.0))
-        for column in own
-    ]
-    for columns, emissivity, sd in sources:
-        if sd > 0.0 and columns:
-            shifted = temperature_k.copy()
+            columns = [column for column, region in enumerate(regions) if region.camera == camera]
+            yield f"offset of {camera}", CAMERA_OFFSET_SD_K, columns, None
+    common = [column for column, region in enumerate(regions) if math.isnan(region.emissivity)]
+    if settings.emissivity_sd > 0.0 and common:
+        yield "emissivity", settings.emissivity_sd, common, settings.surface.emissivity
+    for column, region in enumerate(regions):
+        sd = settings.own_emissivity_sd.get(region.name, 0.0)
+        if sd > 0.0 and column not in common:
+            yield f"emissivity of {region.name}", sd, [column], region.emissivity
+
+
+def shifted_temperatures(
+    temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
+) -> Iterator[FloatArray]:
+    """Temperatures (n, regions) with each of `uncertain_inputs` a standard uncertainty higher.
+
+    Those of surfaces, with their emissivities and the uncertainties of these by the settings; `regions` are
+    the columns.
+    """
+    for _, sd, columns, emissivity in uncertain_inputs(regions, settings):
+        shifted = temperature_k.copy()
+        per_input: FloatArray | float = 1.0
+        if emissivity is not None:
             reflected_k = settings.reflected_temperature_k
-            shifted[:, columns] += sd * kelvin_per_emissivity(shifted[:, columns], emissivity, reflected_k)
-            yield shifted
+            per_input = kelvin_per_emissivity(shifted[:, columns], emissivity, reflected_k)
+        shifted[:, columns] += sd * per_input
+        yield shifted
 
 
 def difference_covariance_k2(

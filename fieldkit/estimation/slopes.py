@@ -96,10 +96,17 @@ def _slopes(
 def budgets(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> dict[str, tuple[BudgetTerm, ...]]:
-    """Uncertainty budget of every target that has a slope at the last minute, by the full model."""
+    """Uncertainty budget of every target that has a slope at the last minute, by the model paper or full."""
     terms: dict[str, tuple[BudgetTerm, ...]] = {}
     for bins, seen in _by_camera(history, regions):
-        terms |= Window(bins, len(bins), RegionColumns(tuple(seen)), settings).budgets()
+        clouded = (bins.flags & Quality.CLOUD) != 0
+        # the paper holds its last slope then
+        last = (
+            int(np.flatnonzero(~clouded)[-1]) + 1
+            if settings.model == "paper" and not clouded.all()
+            else len(bins)
+        )
+        terms |= Window(bins, last, RegionColumns(tuple(seen)), settings).budgets()
     return terms
 
 
@@ -202,7 +209,8 @@ class Window:
         }
 
     def _budget(self, rows: Rows, index: int, slope: FloatArray) -> RowBudget:
-        return RowBudget(rows, index, self._weights[:, index], slope, self.past, self.settings)
+        weights, regions = self._weights[:, index], self.columns.regions
+        return RowBudget(rows, index, weights, slope, self.past, regions, self.settings)
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""

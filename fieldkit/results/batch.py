@@ -130,7 +130,7 @@ class EstimatedSessions:
         return _below({name: learnt.columns() for name, learnt in learnt_parameters.items() if len(learnt)})
 
     def budget_columns(self) -> dict[str, list[Any]]:
-        """The same of the uncertainty budgets of the final slopes; empty with the paper's model."""
+        """The same of the uncertainty budgets of the final slopes; empty from the weather alone."""
         slope_budgets = {name: estimates.budgets for name, estimates in self.estimates.items()}
         return _below({name: budget_columns(budgets) for name, budgets in slope_budgets.items() if budgets})
 

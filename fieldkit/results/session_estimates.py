@@ -123,7 +123,7 @@ class Estimates:
 
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
     direct normal irradiance; angles in degrees, NaN where nothing is known. `learnt` is what the data taught
-    the learned model, `budgets` the uncertainty budget of each final slope, by the learned or full model.
+    the learned model, `budgets` the uncertainty budget of each final slope; none from the weather alone.
     """
 
     rows: TableArray

@@ -18,9 +18,10 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.daylight import clear_sky, extraterrestrial
+from fieldkit.physics.daylight import clear_sky, extraterrestrial, hay_davies_diffuse, perez_diffuse
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.physics.radiance import kelvin_per_emissivity
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_angles, sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
@@ -97,6 +98,101 @@ def test_budget_of_the_full_model_adds_up_to_its_region(clear_day, azimuth):
         half = np.sqrt(misfit_drop(0.90, 1 if azimuth == "known" else 2) * variance)
         assert (one.tilt_high_deg - one.tilt_low_deg) / 2.0 == pytest.approx(half, rel=0.2)
         assert {"circumsolar", "brightening", "diffuse", "ground albedo", "gain", "offset"} < terms.keys()
+
+
+STEP = 0.02
+
+
+def _warmer(history, per_kelvin):
+    return replace(history, temperature_k=history.temperature_k + STEP * per_kelvin)
+
+
+def _drift(history):
+    hours = (history.minute - history.minute[180:].mean()) / 60.0
+    return _warmer(history, -hours[:, np.newaxis] * np.array([0.0, 1.0, 1.0, 1.0]))
+
+
+def _more_diffuse(history):
+    """Of the same global light."""
+    more = STEP * history.dhi_w_m2
+    return replace(
+        history, dhi_w_m2=history.dhi_w_m2 + more, dni_w_m2=history.dni_w_m2 - more / history.sun[:, 2]
+    )
+
+
+def _brightened(history, settings):
+    """The day less what Perez' sky gives a bed beyond Hay and Davies': a share of it taken as true."""
+    sky = history.dhi_w_m2, history.dni_w_m2, extraterrestrial(history.time_ns)
+    found = [(slope.tilt_deg, slope.azimuth_deg) for slope in slopes(history, REGIONS, settings)]
+    more = [
+        perez_diffuse(*sky, facet @ history.sun.T, history.sun[:, 2], facet[2])
+        - hay_davies_diffuse(*sky, facet @ history.sun.T, history.sun[:, 2], facet[2])
+        for facet in normal(*np.array([(0.0, 0.0), *found]).T)
+    ]
+    loss = settings.surface.exchange_w_m2_k + 4.0 * 0.9 * 5.67e-8 * history.temperature_k**3
+    absorbed = (1.0 - settings.surface.albedo) * (np.array(more) - more[0]).T
+    # the smallest layer stores nothing: what a bed absorbs it loses
+    return _warmer(history, -absorbed / loss)
+
+
+def _surface(settings, **changes):
+    return replace(settings, surface=replace(settings.surface, **changes))
+
+
+def _slab(settings, name):
+    return replace(
+        settings, slab=replace(settings.slab, **{name: getattr(settings.slab, name) * (1.0 + STEP)})
+    )
+
+
+# what is assumed otherwise, by the term and the step that this is of its input; all else is taken as certain
+ASSUMPTIONS = {
+    "gain": (lambda day, s: (day, replace(s, scale=1.0 + STEP)), STEP),
+    "circumsolar": (lambda day, s: (day, replace(s, sky="isotropic")), -1.0),
+    "brightening": (lambda day, s: (_brightened(day, s), s), STEP),
+    "diffuse": (lambda day, s: (_more_diffuse(day), s), STEP),
+    "ground albedo": (lambda day, s: (day, replace(s, ground_albedo=0.2 + STEP)), STEP),
+    "offset": (lambda day, s: (day, replace(s, offsets_k=dict.fromkeys(("b7", "b21", "b15"), STEP))), STEP),
+    "drift": (lambda day, s: (_drift(day), s), STEP),
+    "exchange": (lambda day, s: (day, _surface(s, exchange_m_s=0.015 * (1.0 + STEP))), STEP),
+    "conductivity": (lambda day, s: (day, _slab(s, "conductivity_w_m_k")), STEP),
+    "heat capacity": (lambda day, s: (day, _slab(s, "heat_capacity_j_m3_k")), STEP),
+    "emissivity": (
+        lambda day, s: (
+            _warmer(day, kelvin_per_emissivity(day.temperature_k, 0.9, s.reflected_temperature_k)),
+            s,
+        ),
+        STEP,
+    ),
+}
+FULL_ALONE = ("circumsolar", "brightening", "diffuse", "ground albedo", "conductivity", "heat capacity")
+
+
+@pytest.mark.parametrize(
+    ("model", "term"), [*(("full", term) for term in ASSUMPTIONS), *(("paper", term) for term in ASSUMPTIONS)]
+)
+def test_every_sensitivity_is_the_derivative_of_the_slope(clear_day, model, term):
+    """Of its tilt by what is assumed of the input, the others held (JCGM 100:2008, 5.1.3)."""
+    stated = dict.fromkeys(
+        ("scale_sd", "exchange_sd", "offset_sd_k", "drift_sd_k_per_h", "emissivity_sd"), 0.0001
+    )
+    slab = replace(SLAB, depth_m=1e-4) if term == "brightening" else SLAB
+    settings = replace(KNOWN, model=model, window_s=7140.0, slab=slab, **stated)
+    terms = budgets(clear_day, REGIONS, settings)
+    if model == "paper" and term in FULL_ALONE:
+        assert term not in {one.name for one in terms["b21"]}
+        return
+    change, step = ASSUMPTIONS[term]
+    before, after = (
+        slopes(clear_day, REGIONS, settings),
+        slopes(*change(clear_day, settings)[:1], REGIONS, change(clear_day, settings)[1]),
+    )
+    for one, other in zip(before, after, strict=True):
+        found = next(found for found in terms[one.region] if found.name == term)
+        expected = (other.tilt_deg - one.tilt_deg) / step
+        assert found.sensitivity == pytest.approx(expected, rel=0.15, abs=0.02 * abs(one.tilt_deg) + 0.02), (
+            one.region
+        )
 
 
 def test_without_sky_instruments_the_full_model_still_beats_the_papers(clear_day):
