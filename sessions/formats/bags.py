@@ -8,10 +8,11 @@ has one, else of its recording. Units are those of the message types, as their d
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,44 +25,52 @@ from fieldkit.model.limits import bounds_of, flag_implausible
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import POWER, Unit, meaning_of, unknown_meaning
 from fieldkit.model.samples import Frame, Sample, Severity
-from fieldkit.physics import camera_laws
+from fieldkit.physics.camera_laws import NO_VALUE
+from fieldkit.sessions.formats import stills
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, imported_reading, usual_rate_hz
-from fieldkit.sessions.formats.stills import NO_VALUE, Scale, counts_of, temperature_unit
 from fieldkit.sessions.formats.times import plausible_ns
 
 SUFFIXES = (".mcap", ".bag")
-_UNITS = {
+_FIELDS = {
     # message type: its field with a unit, as sensor_msgs defines them
     "Temperature": ("temperature", "C"),
     "Illuminance": ("illuminance", "lx"),
     "FluidPressure": ("fluid_pressure", "Pa"),
 }
-_COUNTS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
+_PIXELS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 _NO_NUMBERS = ("header", "stamp", "variance")
 _NO_METERS = ("Log", "CameraInfo", "Clock", "ParameterEvent")
-Message = tuple[str, str, int, Any]
-"""Topic, type without its package, UTC nanoseconds, the message."""
+
+
+class _Message(NamedTuple):
+    """A message: its topic, its type without the package, UTC nanoseconds, its fields."""
+
+    topic: str
+    kind: str
+    time_ns: int
+    body: Any
 
 
 @dataclass(frozen=True, slots=True)
 class BagOptions:
-    """Beginning of the streams' names, topics to read (all by default), unit of numbers, scale of counts."""
+    """Beginning of the streams' names, topics to read (all by default), unit of numbers, scale of counts.
+
+    The unit is of images of temperatures, without one of the only topic of numbers that states none.
+    """
 
     name: str = ""
     topics: Collection[str] = ()
     unit: str = ""
-    scale: Scale | None = None
+    scale: stills.Scale | None = None
     offset_ns: int = 0
 
 
-@dataclass(slots=True)
-class _Topic:
-    """A topic that is read: its stream, the fields of its numbers, and their meaning or the pixels' unit."""
+class _Topic(NamedTuple):
+    """A topic that is read: its stream, the fields of its numbers (none of images), their unit."""
 
     info: StreamInfo
-    fields: tuple[str, ...] = ()
-    unit: Unit | None = None
-    stamps_ns: list[int] = field(default_factory=list)
+    fields: tuple[str, ...]
+    unit: Unit | None
 
 
 def is_bag(path: Path) -> bool:
@@ -71,137 +80,137 @@ def is_bag(path: Path) -> bool:
 
 def read_bag(path: Path, options: BagOptions) -> ImportedRecording:
     """The topics of a recording as streams; it is read twice, and never kept whole. Raises `ConfigError`."""
-    topics: dict[str, _Topic] = {}
-    others: set[str] = set()
-    for name, kind, time_ns, message in _messages(path, options):
-        if name not in topics and (topic := _topic(path, name, kind, message, options)):
+    first: dict[str, _Message] = {}
+    stamps_ns: dict[str, list[int]] = {}
+    for message in _messages(path, options):
+        first.setdefault(message.topic, message)
+        stamps_ns.setdefault(message.topic, []).append(message.time_ns)
+    has_images = any(message.kind == "Image" for message in first.values())
+    unstated = [message.topic for message in first.values() if _is_number(message)]
+    if options.unit and not has_images and len(unstated) > 1:
+        problem = f"the unit {options.unit} would apply to {', '.join(unstated)}"
+        raise ConfigError(problem, place=path, fix=Argument("columns", unstated[0]))
+    topics = {}
+    for name, message in first.items():
+        make = _camera if message.kind == "Image" else partial(_meter, has_images=has_images)
+        if topic := make(f"{path}, {name}", message, options, usual_rate_hz(stamps_ns[name])):
             topics[name] = topic
-        if name in topics:
-            topics[name].stamps_ns.append(time_ns)
-        else:
-            others.add(name)
+    others = ", ".join(sorted(first.keys() - topics))
     if not topics:
-        problem = (
-            f"no topic of numbers or of 16-bit or 32-bit images, of {', '.join(sorted(others)) or 'none'}"
-        )
+        problem = f"no topic of numbers, nor of images of 16 or 32 bits: {others or 'it is empty'}"
         raise ConfigError(problem, place=path, fix="record one, as sensor_msgs/Temperature or mono16")
-    for topic in topics.values():
-        topic.info = replace(topic.info, rate_hz=usual_rate_hz(topic.stamps_ns))
-    notes = [(Severity.WARNING, f"topics without numbers are left out: {', '.join(sorted(others))}")]
-    samples = ReadAgain(lambda: _samples(path, topics, options))
-    streams = tuple(topic.info for topic in topics.values())
-    return ImportedRecording(streams, samples, tuple(notes if others else ()))
+    notes = ((Severity.WARNING, f"topics without numbers are left out: {others}"),) if others else ()
+    samples = ReadAgain(partial(_samples, path, topics, options))
+    return ImportedRecording(tuple(topic.info for topic in topics.values()), samples, notes)
 
 
-def _messages(path: Path, options: BagOptions) -> Iterator[Message]:
+def _messages(path: Path, options: BagOptions) -> Iterator[_Message]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise ConfigError("recordings of ROS need rosbags", place=path, fix=install_extra("files")) from error
-    try:
+
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            for connection, logged_ns, data in reader.messages():
+            for connection, time_ns, data in reader.messages():
                 if options.topics and connection.topic not in options.topics:
                     continue
-                message = reader.deserialize(data, connection.msgtype)
-                stamp = getattr(getattr(message, "header", None), "stamp", None)
-                time_ns = stamp.sec * 10**9 + stamp.nanosec if stamp and stamp.sec else logged_ns
+                body = reader.deserialize(data, connection.msgtype)
+                stamp = getattr(getattr(body, "header", None), "stamp", None)
+                if stamp and stamp.sec:
+                    time_ns = stamp.sec * 10**9 + stamp.nanosec
                 kind = connection.msgtype.rsplit("/", 1)[-1]
-                yield connection.topic, kind, plausible_ns(time_ns + options.offset_ns), message
+                yield _Message(connection.topic, kind, plausible_ns(time_ns + options.offset_ns), body)
     except FieldkitError:
         raise
+    except ImportError as error:
+        raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
     except Exception as error:  # of rosbags, SQLite, and the packers
         problem = f"cannot be read as a recording of ROS: {message_of(error)[:200]}"
         fix = "of an MCAP of another program export its topics as CSV; a rosbag2 is named by its folder"
         raise ConfigError(problem, place=path, fix=fix) from error
 
 
-def _topic(path: Path, name: str, kind: str, message: Any, options: BagOptions) -> _Topic | None:
-    """A topic by its first message; None if it has no numbers."""
-    *_, last = name.split("/")
-    stream = "-".join(filter(None, (options.name, *name.split("/"))))
-    if kind == "Image":
-        return _camera(f"{path}, {name}", stream, message, options) if message.encoding in _COUNTS else None
-    named, written = _UNITS.get(kind, ("", options.unit))
-    numbers = () if kind in _NO_METERS else tuple(_numbers(message)) if not named else (named,)
-    if not numbers:
-        return None
-    meaning = meaning_of(written, last) or unknown_meaning(written)
-    labels = (last,) if len(numbers) == 1 else numbers
-    component = component_named(last) if meaning.quantity.units == POWER else ""
+def _is_number(message: _Message) -> bool:
+    """True of a message of std_msgs that is one number, whose unit nothing states."""
+    return isinstance(getattr(message.body, "data", None), Real)
+
+
+def _stream(message: _Message, options: BagOptions) -> str:
+    return "-".join(filter(None, (options.name, *message.topic.split("/"))))
+
+
+def _meter(
+    place: str, message: _Message, options: BagOptions, rate_hz: float, *, has_images: bool
+) -> _Topic | None:
+    *_, last = message.topic.split("/")
+    field, written = _FIELDS.get(message.kind, ("", ""))
+    if _is_number(message) and not has_images:
+        written = options.unit
+    names = (field,) if field else () if message.kind in _NO_METERS else tuple(_numbers(message.body))
+    quantity, unit = meaning_of(written, last) or unknown_meaning(written)
+    component = component_named(last) if quantity.units == POWER else ""
     info = StreamInfo(
-        stream,
-        meaning.quantity.name,
-        meaning.quantity.units.stored,
-        (len(numbers),),
-        channels=labels,
-        measures=(component,) if component else (),
+        _stream(message, options), quantity.name, quantity.units.stored, (len(names),), rate_hz=rate_hz,
+        channels=(last,) if len(names) == 1 else names, measures=(component,) if component else (),
         driver="import",
-    )
-    return _Topic(info, numbers, meaning.unit)
+    )  # fmt: skip
+    return _Topic(info, names, unit) if names else None
 
 
-def _numbers(message: Any, before: str = "") -> dict[str, float]:
+def _numbers(body: Any, before: str = "") -> dict[str, float]:
     """The numbers of a message by their names, those of its parts with a point."""
     numbers: dict[str, float] = {}
-    for part in fields(message):
-        value = getattr(message, part.name)
-        if part.name in _NO_NUMBERS:
-            continue
+    for name in (part.name for part in fields(body) if part.name not in _NO_NUMBERS):
+        value = getattr(body, name)
         if is_dataclass(value):
-            numbers |= _numbers(value, f"{before}{part.name}.")
+            numbers |= _numbers(value, f"{before}{name}.")
         elif isinstance(value, Real):
-            numbers[before + part.name] = float(value)
+            numbers[before + name] = float(value)
     return numbers
 
 
-def _camera(place: str, stream: str, message: Any, options: BagOptions) -> _Topic:
-    is_kelvin = message.encoding == "32FC1"
-    unit = temperature_unit(options.unit) if is_kelvin else None
+def _camera(place: str, message: _Message, options: BagOptions, rate_hz: float) -> _Topic | None:
+    image = message.body
+    if image.encoding not in _PIXELS:
+        return None
+    is_kelvin = image.encoding == "32FC1"
+    unit = stills.temperature_unit(options.unit) if is_kelvin else None
     if is_kelvin and unit is None:
         fix = Argument("unit", "K") + ", or C, F"
         raise ConfigError("its temperatures state no unit", place=place, fix=fix)
-    scale = Scale(0.01) if is_kelvin else options.scale
+    scale = stills.Scale(0.01) if is_kelvin else options.scale
     if scale is None:
         fix = Argument("kelvin_per_count", 0.01) + "; NaN (none) for frames only"
         raise ConfigError("what one count means is not known", place=place, fix=fix)
     info = StreamInfo(
-        stream,
-        "brightness_temperature",
-        "K",
-        (message.height, message.width),
-        scale.kelvin_per_count,
-        scale.kelvin_at_zero,
-        driver="import",
-        settings={camera_laws.NO_VALUE: NO_VALUE} if is_kelvin else {},
-    )
-    return _Topic(info, unit=unit)
+        _stream(message, options), "brightness_temperature", "K", (image.height, image.width),
+        scale.kelvin_per_count, scale.kelvin_at_zero, rate_hz=rate_hz, driver="import",
+        settings={NO_VALUE: stills.NO_VALUE} if is_kelvin else {},
+    )  # fmt: skip
+    return _Topic(info, (), unit)
 
 
 def _samples(path: Path, topics: Mapping[str, _Topic], options: BagOptions) -> Iterator[Sample]:
-    bounds = {name: bounds_of(topic.info) for name, topic in topics.items()}
-    for name, _, time_ns, message in _messages(path, options):
+    empty, bounds = np.empty((0, 0), np.uint16), {name: bounds_of(of.info) for name, of in topics.items()}
+    for name, _, at_ns, body in _messages(path, options):
         if (topic := topics.get(name)) is None:
             continue
-        if topic.info.is_camera:
-            counts = _counts(f"{path}, {name}", topic, message)
-            yield Frame(topic.info.name, time_ns, time_ns, counts, np.empty((0, 0), np.uint16))
+        info, names, unit = topic
+        if info.is_camera:
+            yield Frame(info.name, at_ns, at_ns, _counts(f"{path}, {name}", topic, body), empty)
             continue
-        numbers = _numbers(message)
-        unit = topic.unit or Unit("")
-        values = tuple((numbers[field] + unit.add) / unit.by for field in topic.fields)
-        yield flag_implausible(imported_reading(topic.info.name, time_ns, values), bounds[name])
+        numbers, (_, _, add, by, *_) = _numbers(body), unit or Unit("")
+        values = tuple((numbers[field] + add) / by for field in names)
+        yield flag_implausible(imported_reading(info.name, at_ns, values), bounds[name])
 
 
-def _counts(place: str, topic: _Topic, message: Any) -> CountArray:
-    if (message.height, message.width) != topic.info.shape or message.encoding not in _COUNTS:
-        problem = f"an image of {message.height} x {message.width} {message.encoding} among others"
+def _counts(place: str, topic: _Topic, image: Any) -> CountArray:
+    if (image.height, image.width) != topic.info.shape or image.encoding not in _PIXELS:
+        problem = f"an image of {image.height} x {image.width} {image.encoding} among others"
         raise ConfigError(problem, place=place, fix="record images of each size as a topic of their own")
-    numbers = np.dtype(f"{'>' if message.is_bigendian else '<'}{_COUNTS[message.encoding]}")
+    numbers = np.dtype(f"{'>' if image.is_bigendian else '<'}{_PIXELS[image.encoding]}")
     try:
-        rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
-        pixels: AnyArray = rows[:, : message.width * numbers.itemsize].copy().view(numbers)
+        rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)
+        pixels: AnyArray = rows[:, : image.width * numbers.itemsize].copy().view(numbers)
     except ValueError as error:
         raise ConfigError("an image is cut short", place=place, fix="record it again") from error
-    return counts_of(pixels, (1.0, 0.0), topic.unit) if topic.unit else pixels.astype(np.uint16)
+    return stills.counts_of(pixels, (1.0, 0.0), topic.unit) if topic.unit else pixels.astype(np.uint16)

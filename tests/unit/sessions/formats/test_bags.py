@@ -114,3 +114,9 @@ def test_what_is_no_recording_of_ros_is_refused(tmp_path, name):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(ConfigError, check=at(tmp_path / name)):
             read_source(tmp_path / name, IN_KELVIN)
+
+
+def test_the_unit_of_images_is_not_that_of_bare_numbers(tmp_path):
+    path = bag(tmp_path / "a")
+    imported = read_source(path, ImportOptions(unit="K", columns=("/thermal", "/roof/ghi")))
+    assert {info.name: info.unit for info in imported.streams} == {"thermal": "K", "roof-ghi": ""}
