@@ -23,7 +23,9 @@ from fieldkit.sessions.formats.time_columns import cell_of
 
 _MOST_THINGS = 200
 _A_TIME = re.compile(r"\d\d?\D+\d\d?|\d{5}|^\d+$")
-_NAME = re.compile(r"(?!nan$|null$|none$|n/?a$)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL)
+_NAME = re.compile(
+    r"(?!nan$|null$|none$|n/?a$|[+−-]?[ .]*\d)\D.*|\d+|[\da-f]+(?:[:-][\da-f]+)*", re.IGNORECASE | re.DOTALL
+)
 
 
 def by_thing(path: Path, table: tables.Table) -> tables.Table:
@@ -96,7 +98,7 @@ def _timed(table: tables.Table) -> list[tables.Row]:
 def _telling(table: tables.Table) -> list[int]:
     """The columns that tell the thing of a row, words before numbers."""
     rows = _timed(table)
-    free = [place for place in table.free if not table.columns[place].unit]
+    free = [at for at in table.free if not table.columns[at].unit and table.columns[at].unit_at < 0]
     telling = [place for place in free if _is_telling(table, place, rows)]
     return sorted(telling, key=lambda place: all(cell_of(row.cells, place).isdecimal() for row in rows))
 

@@ -394,7 +394,7 @@ def split_head(head: str) -> tuple[str, str]:
     """
     name, unit = split_label(head)
     if unit:
-        return (head if re.fullmatch(r"[\w.]+", head) else name), unit
+        return (head if re.fullmatch(r"[\w.]+", head, re.ASCII) else name), unit
     brackets = _BRACKETS.search(head)
     if brackets is None or not head[: brackets.start()]:
         return head, ""
@@ -453,7 +453,7 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     columns: list[Column] = []
     for place, name in enumerate(_of_onset(names)):
         letters = {other[-1:] for other in names if other[:-1] == name[:-1]}
-        if not letters <= set("CFKcfk") and split_head(name)[1] == name[-1:]:  # T_a, T_b, T_c
+        if not letters <= set("CFKcfk℃℉") and split_head(name)[1] == name[-1:]:  # T_a, T_b, T_c
             columns.append(Column(name, name, cell_of(units, place).strip("[]() ")))
             continue
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
