@@ -174,6 +174,7 @@ def read_table(
     cells = [row.cells for row in rows]
     named_first = _place_of_name(rows, time_names[0]) if time_names else None
     date, first, kind = first_time(path, cells, named_first, time_format)
+    kind = "moment" if len(time_names) > 1 else kind  # a count has one column
     names, below = _header(rows[:first], date)
     if len(names) < 2 or first >= len(rows):
         raise ConfigError(
@@ -193,7 +194,7 @@ def read_table(
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
     units = [match[1] for row in rows[:first] if (match := _UNIT_LINE.search(" ".join(row.cells)))]
-    has_end, dates = text.endswith(("\n", "\r")), _dates(rows[:first])
+    has_end, dates = bool(losses) or text.endswith(("\n", "\r")), _dates(rows[:first])
     has_commas, has_format = delimiter != ",", time_format is not None
     table = Table(columns, body, time_at, has_commas, stated, has_end, kind, has_format, dates, notes=notes)
     return replace(table, columns=_with_unit_columns(table), units=units, losses=losses)

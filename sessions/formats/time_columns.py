@@ -147,7 +147,9 @@ def parts_of(labels: Sequence[str]) -> dict[str, int]:
             part = "M"
         if part:
             places.setdefault(part, place)
-    return places
+    if "Y" in places and "m" not in places and "d" in places:  # Campbell's day of the year
+        places["j"] = places.pop("d")
+    return {part: place for part, place in places.items() if "j" not in places or part not in "md"}
 
 
 def _row_of_parts(rows: Cells) -> tuple[int, int] | None:
@@ -167,14 +169,12 @@ def _row_of_parts(rows: Cells) -> tuple[int, int] | None:
 def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> tuple[int, ...]:
     """The places of the time: one column, its parts, or date and time of day; a fraction of its second."""
     parts = parts_of(labels)
-    if parts.get("Y") == first:
-        return tuple(
-            parts[part] for part in "YjmdTHMS" if part in parts and ("j" not in parts or part not in "md")
-        )
-    cells = [cell_of(row, first) for row in rows]
-    places: tuple[int, ...] = (first,)
-    if 2 * sum(map(is_date_alone, cells)) > len(cells) and not all(map(is_number, cells)):
-        places += _time_of_day(path, labels, rows, first)
+    is_split = parts.get("Y") == first
+    places = tuple(parts[part] for part in "YjmdTHMS" if part in parts) if is_split else (first,)
+    dates = [" ".join(cell_of(row, place) for place in places) for row in rows]
+    is_day = not {"T", "H"} & parts.keys() if is_split else 2 * sum(map(is_date_alone, dates)) > len(dates)
+    if is_day and not all(map(is_number, dates)):
+        places += _time_of_day(path, labels, rows, places, dates)
     after = places[-1] + 1
     digits = _FRACTION_DIGITS.get(labels[after].lower(), 0) if after < len(labels) else 0
     fractions = [cell for row in rows if (cell := cell_of(row, after)).isdigit() and len(cell) <= digits]
@@ -182,11 +182,15 @@ def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> t
     return (*places, after) if is_fraction else places
 
 
-def _time_of_day(path: Path, labels: Sequence[str], rows: Cells, first: int) -> tuple[int, ...]:
-    """The columns with the times of day of a column of dates; none where each date stands once."""
-    dates = [cell_of(row, first) for row in rows]
+def _time_of_day(
+    path: Path, labels: Sequence[str], rows: Cells, of_date: tuple[int, ...], dates: Sequence[str]
+) -> tuple[int, ...]:
+    """The columns with the times of day beside those of dates; none where each date stands once."""
+    first = of_date[-1]
     is_repeated = len(set(dates)) < len(dates)
-    near = sorted(set(range(len(labels))) - {first}, key=lambda place: (abs(place - first), place < first))
+    near = sorted(
+        set(range(len(labels))) - set(of_date), key=lambda place: (abs(place - first), place < first)
+    )
     for place in near if is_repeated else [place for place in near if abs(place - first) == 1]:
         if 2 * sum(is_clock(cell_of(row, place)) for row in rows) > len(rows):
             return (place,)
@@ -212,9 +216,12 @@ def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) 
     is_split = "Y" in parts
     if has_format or len(cells) < 2 or not (is_split or "H" in parts or _DIGITS.fullmatch(cells[1])):
         return " ".join(cells)
-    unpadded = parts.get("T", "" if is_split else re.sub(r"\.0$", "", cells[1]))
+    others = [
+        cell for place, cell in enumerate(cells[not is_split :]) if place not in parts_of(labels).values()
+    ]
+    unpadded = parts.get("T") or re.sub(r"\.0$", "", others[0] if others else "")
     hour = parts.get("H") or unpadded.zfill(3)
-    if len(hour) > 2 and ":" not in hour:  # 100 is one o'clock
+    if len(hour) > 2 and hour.isdigit():  # 100 is one o'clock
         hour = f"{hour[:-2]:0>2}:{hour[-2:]}"
     clock = hour if ":" in hour else f"{hour:0>2}:{parts.get('M', '0'):0>2}"
     second, point, fraction = parts.get("S", "0").partition(".")

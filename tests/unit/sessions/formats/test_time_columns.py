@@ -46,6 +46,19 @@ CASES = [
     (table("Year,DOY,HHMM", "2026,162,1200", "2026,162,1201"), {}, [0, 60]),
     (table("year,month,day,hour,minute,second", "2026.0,6.0,11.0,12.0,0.0,1.5"), {}, [1.5]),
     ("Source,City,Year\nNSRDB,-,1998\n" + table("Year,Month,Day,Hour,Minute", "2026,6,11,12,0"), {}, [0]),
+    (table("year,month,day,time", "2026,6,11,12:00:30", "2026,6,11,12:01:30"), {}, [30, 90]),
+    (table("Year,Day,Time", "2026,162,1200", "2026,162,1201"), {}, [0, 60]),
+    (table("Year,Month,Day", "2026,6,11", "2026,6,12"), {}, [-43200, 43200]),
+    (
+        table("Minute,Hour,Year,Month,Day", "0,12,2026,6,11", "1,12,2026,6,11"),
+        {"time_columns": ("Year", "Month", "Day", "Hour", "Minute")},
+        [0, 60],
+    ),
+    (
+        table("a,b,c,d", "2026,6,11,12", "2026,6,11,13"),
+        {"time_columns": ("a", "b", "c", "d"), "time_format": "%Y %m %d %H"},
+        [0, 3600],
+    ),
     # a date, and hours without their zero
     (
         table("date,time (HHMM)", "2026-06-11,100", "2026-06-11,1300", "2026-06-11,2400"),
