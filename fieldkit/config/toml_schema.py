@@ -472,6 +472,12 @@ class RegionOutline(Table):
         )
 
 
+class RegionOutlines(Table):
+    """Outlines that are drawn on a session."""
+
+    region: list[RegionOutline]
+
+
 class RegionTable(RegionOutline):
     """A region: a polygon of the frame."""
 

@@ -39,8 +39,8 @@ from fieldkit.recording.experiments import (
     measures,
     predict_runs,
 )
-from fieldkit.recording.predict import checked_facets
 from fieldkit.results.executors import THIS_PROCESS, Workers
+from fieldkit.results.sun_angles import checked_facets
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
 
@@ -326,7 +326,7 @@ def plan(
     Raises
     ------
     ConfigError
-        If the site or the day is not a valid one; as `fieldkit.recording.predict.checked_facets`.
+        If the site or the day is not a valid one; as `fieldkit.results.sun_angles.checked_facets`.
     NoAnswerError
         If the sun does not rise.
 

@@ -17,7 +17,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.results.sun_angles import moment
+from fieldkit.results.sun_angles import checked_facets, moment
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.field_minutes import FieldMinutes, field_minutes
@@ -99,18 +99,6 @@ def predict(
         )
     model = expected_field(weather.site, MeasuredSky(weather), facets, estimator, by_wind)
     return field_minutes(model, start_ns, minutes or max(most, 1))
-
-
-def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Tilts of 0 to 90° and azimuths of -360 to 360°; raises `ConfigError` for others, or for none."""
-    pairs = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
-    wrong = [facet for facet in pairs if not (0.0 <= facet[0] <= 90.0 and -360.0 <= facet[1] <= 360.0)]
-    if wrong or not pairs:
-        what = "{}°/{}° is not a facet".format(*wrong[0]) if wrong else "there is no facet"
-        raise ConfigError(
-            what, place=Argument("facets"), fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°"
-        )
-    return pairs
 
 
 def expected_field(

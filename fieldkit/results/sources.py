@@ -11,9 +11,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldkit.config import Config, config_from_text, find_campaign, load_config
+from pydantic import ValidationError
+
+from fieldkit.config import Config, ConfigMistakesError, config_from_text, find_campaign, load_config
 from fieldkit.config.template import assignment
-from fieldkit.config.toml_schema import known_keys
+from fieldkit.config.toml_schema import RegionOutline, RegionOutlines, known_keys
+from fieldkit.config.validation import explain
 from fieldkit.disk import sha256
 from fieldkit.estimation.region_check import CameraView, check_regions
 from fieldkit.model.device import frame_shapes
@@ -134,6 +137,13 @@ def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSche
         raise ConfigError(
             "; ".join(failures), place=session.path, fix="draw them again on the session's frames"
         )
+    values = {"region": [RegionOutline.of(region).model_dump() for region in regions]}
+    try:
+        RegionOutlines.model_validate(values)
+    except ValidationError as error:  # names may be those of any session
+        mistakes = [mistake for mistake in explain(error, values) if mistake.path[-1] != "name"]
+        if mistakes:
+            raise ConfigMistakesError([("regions", mistake) for mistake in mistakes]) from None
     return RegionSchedule.of(regions)
 
 

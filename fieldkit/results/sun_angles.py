@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Site, as_site
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import incidence_deg, normal, tilt_azimuth
@@ -44,6 +45,7 @@ def sun(
     (26.9, 17.1)
     """
     moments = [at] if isinstance(at, datetime | str) else at
+    facets = checked_facets(facets) if facets else ()
     return sun_rows(as_site(site), [moment(time) for time in moments], facets)
 
 
@@ -56,6 +58,18 @@ def moment(at: datetime | str) -> datetime:
     if time.tzinfo is None:
         raise ConfigError("has no zone", place=str(at), fix="add its offset from UTC: 2017-08-30T12:00+09:00")
     return time
+
+
+def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Tilts of 0 to 90° and azimuths of -360 to 360°; raises `ConfigError` for others, or for none."""
+    pairs = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
+    wrong = [facet for facet in pairs if not (0.0 <= facet[0] <= 90.0 and -360.0 <= facet[1] <= 360.0)]
+    if wrong or not pairs:
+        what = "{}°/{}° is not a facet".format(*wrong[0]) if wrong else "there is no facet"
+        raise ConfigError(
+            what, place=Argument("facets"), fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°"
+        )
+    return pairs
 
 
 def sun_rows(

@@ -115,6 +115,7 @@ PLACE, NOON = (37.7, -105.92, 2317.0), "2026-12-11T12:00:00+00:00"
         (lambda: fieldkit.plan(PLACE, facets=(15.0, 180.0)), "facets", "facets=[(15.0, 180.0)]"),
         (lambda: fieldkit.plan(PLACE, options={"step_min": 5}), "options", "fieldkit.PlanOptions"),
         (lambda: fieldkit.sun(PLACE, 20), "at", "+09:00"),
+        (lambda: fieldkit.sun(PLACE, NOON, [(500.0, 180.0)]), "facets", "0 to 90"),
         (lambda: fieldkit.estimate("a.h5", regions=["b15"]), "regions", "fieldkit.Region"),
         (lambda: fieldkit.estimate("a.h5", model="learnt"), "model", "learned"),
         (lambda: fieldkit.export("a.h5", "cvs"), "to='cvs'", "csv"),

@@ -60,6 +60,17 @@ def test_a_parameter_that_does_not_exist_is_named(sessions):
             estimate(sessions[0], {name: 1.0})
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("tilt_deg", 150.0), ("emissivity", 90.0), ("azimuth_deg", -500.0)]
+)
+def test_a_region_that_is_drawn_afterwards_has_the_limits_of_the_configuration(sessions, key, value):
+    with fieldkit.open_session(sessions[0]) as session:
+        drawn = [replace(session.regions[0], **{key: value}), *session.regions[1:]]
+        with pytest.raises(ConfigError, check=at(f"regions: region[0].{key}")):
+            session.estimate(regions=drawn)
+        assert session.estimate(model="full", regions=session.regions).final
+
+
 def test_several_sessions_are_estimated_together_and_a_torn_one_does_not_stop_them(sessions, tmp_path):
     torn = tmp_path / "torn.h5"
     torn.write_bytes(sessions[0].read_bytes()[:1000])
