@@ -26,13 +26,13 @@ CONNECT_S = 5.0
 SLICE_S = 0.1  # of a wait for a library, whose time-out cannot be changed while a port is open
 ANNOUNCED_S = 1.5  # replies to a question that many may answer are delayed and put together
 LAST_PORT = 65_535
-_ADDRESS = re.compile(r"\w+://.*|[^/:]+:\d*|\[.*\](:.*)?")
+_ADDRESS = re.compile(r"\w+://.*|(?![\da-fA-F]{4}:[\da-fA-F]{4}$)[^/:]+:\d*|\[.*\](:.*)?")
 _HOST = re.compile(r"(?:\w+://)?(?:\[(.*)\]|([^:]*?))(?::(.*?))?/?", re.DOTALL)
 _PEER, _ADVICE = "serial adapter", "switch the adapter on and join its network"
 
 
 def is_address(port: str) -> bool:
-    """True for ``host:port``, ``[IPv6]:port`` and URLs, False for the path of a port of this computer."""
+    """True for ``host:port``, ``[IPv6]:port`` and URLs, False for the path of a port and a USB identity."""
     return _ADDRESS.fullmatch(port) is not None
 
 

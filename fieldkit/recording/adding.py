@@ -120,7 +120,8 @@ def add_devices(
         The configuration is invalid, or its instruments are simulated.
     """
     devices, unmatched = AddedDevices(), dict(stated or {})
-    for connected in addresses or discover()[0]:
+    named = dict.fromkeys((*addresses, *filter(is_address, unmatched)))
+    for connected in named or discover()[0]:
         config = _config(file)
         try:
             device = at_address(connected) if isinstance(connected, str) else connected
@@ -203,7 +204,9 @@ def _driver(device: ConnectedDevice, ask: Ask) -> tuple[str, Mapping[str, Any], 
     matches, data = recognise(device.port, HostClock())
     by_label = {str(match): match for match in matches}
     received = "; ".join(f"{label}: {match.shown}" for label, match in by_label.items())
-    unread = f"it sent {data[:60]!r}, which no driver reads" if data else "it sends and replies nothing"
+    rejected = registry.decode("text", data, {}).rejected
+    sent = f"no driver reads what it sent, {rejected[-1].reason if rejected else repr(data[:60])}"
+    unread = sent if data else "it sends and replies nothing"
     proposal = next((str(match) for match in matches[:1] if len(matches) == 1 and match.is_certain), "")
     choices = tuple(dict.fromkeys((*by_label, *device.drivers, SKIP)))
     answer = ask(Question(device, "", "driver", choices, f" ({received or unread})", proposal))

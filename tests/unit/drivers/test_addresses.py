@@ -106,8 +106,15 @@ def test_an_address_that_is_none_is_refused_before_anything_is_opened(port, plac
     assert ":" in str(caught.value.fix)
 
 
-def test_paths_of_ports_are_no_addresses():
-    paths = ("/dev/ttyUSB0", "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1.2:1.0-port0", "meter", "")
+def test_paths_of_ports_and_identities_are_no_addresses():
+    paths = (
+        "0403:6001",
+        "10c4:ea60:A7",
+        "/dev/ttyUSB0",
+        "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1.2:1.0-port0",
+        "meter",
+        "",
+    )
     assert not any(map(is_address, paths))
 
 

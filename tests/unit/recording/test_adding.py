@@ -18,6 +18,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.recording.adding import add_devices
 from fieldkit.recording.doctor import doctor
 from tests.harness.connected import plugged_in
+from tests.harness.network import NetworkAdapter
 from tests.harness.next_steps import steps
 from tests.unit.drivers.conftest import Wire
 
@@ -102,6 +103,7 @@ def test_without_input_what_is_not_known_is_an_error_with_the_option_that_states
     assert answer.exit_code == 3
     assert "driver" in answer.stderr
     assert "LUX 980.2" in answer.stderr
+    assert "neither a sign" in answer.stderr
     assert "--instrument 10c4:ea60:A7=X" in answer.stderr
     assert file.read_text() == before
 
@@ -198,3 +200,13 @@ def test_record_refuses_a_stream_whose_unit_is_not_known(plug, file):
     assert (checks["thermometer"].level, checks["thermometer"].fix) == ("fail", caught.value.fix)
     wire.talk(b"T=21.5 C\r\n")
     assert "thermometer" not in {one.what for one in doctor(file.parent)}
+
+
+def test_an_address_is_added_and_the_option_that_states_more_needs_no_other_argument(file):
+    far = NetworkAdapter(talk=b"21.5\r\n")
+    refused = add_devices(file, addresses=[far.port]).failures[0]
+    (step,) = steps(refused)
+    stated = {far.port: {**step.arguments[0].value[far.port], "unit": "C"}}
+    (added,) = add_devices(file, stated).added
+    far.unplug()
+    assert (added.driver, added.port, added.options) == ("text", far.port, {"unit": "C"})
