@@ -7,8 +7,8 @@ has one, else of its recording. Units are those of the message types, as their d
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import astuple, dataclass, fields, is_dataclass
 from functools import partial
 from numbers import Real
 from pathlib import Path
@@ -40,6 +40,9 @@ _FIELDS = {
 _PIXELS = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 _NO_NUMBERS = ("header", "stamp", "variance")
 _NO_METERS = ("Log", "CameraInfo", "Clock", "ParameterEvent")
+
+
+_info: Callable[..., StreamInfo] = partial(StreamInfo, driver="import")
 
 
 class _Message(NamedTuple):
@@ -148,11 +151,9 @@ def _meter(
     names = (field,) if field else () if message.kind in _NO_METERS else tuple(_numbers(message.body))
     quantity, unit = meaning_of(written, last) or unknown_meaning(written)
     component = component_named(last) if quantity.units == POWER else ""
-    info = StreamInfo(
-        _stream(message, options), quantity.name, quantity.units.stored, (len(names),), rate_hz=rate_hz,
-        channels=(last,) if len(names) == 1 else names, measures=(component,) if component else (),
-        driver="import",
-    )  # fmt: skip
+    about = {"channels": (last,) if len(names) == 1 else names, "measures": (component,) if component else ()}
+    name, stored = _stream(message, options), quantity.units.stored
+    info = _info(name, quantity.name, stored, (len(names),), rate_hz=rate_hz, **about)
     return _Topic(info, names, unit) if names else None
 
 
@@ -181,11 +182,9 @@ def _camera(place: str, message: _Message, options: BagOptions, rate_hz: float) 
     if scale is None:
         fix = Argument("kelvin_per_count", 0.01) + "; NaN (none) for frames only"
         raise ConfigError("what one count means is not known", place=place, fix=fix)
-    info = StreamInfo(
-        _stream(message, options), "brightness_temperature", "K", (image.height, image.width),
-        scale.kelvin_per_count, scale.kelvin_at_zero, rate_hz=rate_hz, driver="import",
-        settings={NO_VALUE: stills.NO_VALUE} if is_kelvin else {},
-    )  # fmt: skip
+    settings = {NO_VALUE: stills.NO_VALUE} if is_kelvin else {}
+    name, shape, kelvin = _stream(message, options), (image.height, image.width), astuple(scale)
+    info = _info(name, "brightness_temperature", "K", shape, *kelvin, rate_hz=rate_hz, settings=settings)
     return _Topic(info, (), unit)
 
 

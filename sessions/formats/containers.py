@@ -15,7 +15,7 @@ from datetime import date, datetime, time, timedelta
 from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Argument
 from fieldkit.native_code import quiet
 from fieldkit.sessions.formats.imported import refuse_bomb
+
+if TYPE_CHECKING:
+    from python_calamine import CalamineSheet
 
 Cells = Sequence[Any]
 _Read = tuple[Iterable[Cells], tuple[str, ...]]
@@ -34,6 +37,7 @@ _EPOCH = datetime(1899, 12, 30)
 _OF_THIS_TIME = (30_000.0, 80_000.0)
 """Days since then from 1982 to 2119: other numbers are no dates."""
 _MIDC = re.compile(rb"DATE \(MM/DD/YYYY\),[A-Z]{3}\b")
+_DECIMAL_COMMA = re.compile(r"^\s*([+-]?\d+),(\d{1,2}|\d{4,})\s*$")
 _TIME_WORDS = re.compile(r"date|time|stamp|zeit|datum|uhr|fecha|hora|heure|ora\b|日|時", re.IGNORECASE)
 
 
@@ -89,7 +93,7 @@ def _workbook(path: Path, sheet: str) -> _Read:
     if unknown := {*names} - {*book.sheet_names}:
         fix = f"it has: {', '.join(book.sheet_names)}"
         raise ConfigError(f"no sheet {unknown.pop()!r}", place=path, fix=fix)
-    sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in names}
+    sheets = {name: _rows(book.get_sheet_by_name(name)) for name in names}
     tables = {name: rows for name, rows in sheets.items() if _has_table(rows)}
     if not tables:
         raise ConfigError("no sheet has a table", place=path, fix="name a workbook with a table of values")
@@ -108,6 +112,21 @@ def _workbook(path: Path, sheet: str) -> _Read:
         if serial:
             notes += ("numbers of days taken as dates and times, as spreadsheets count them",)
     return zip(*columns, strict=True), notes
+
+
+def _rows(sheet: CalamineSheet) -> list[list[Any]]:
+    """The rows; a heading over several columns, but not over the first, stands before each name below it."""
+    rows: list[list[Any]] = sheet.to_python(skip_empty_area=False)
+    for (top, left), (bottom, right) in sorted(sheet.merged_cell_ranges or (), reverse=True):
+        if 0 < left < right and top == bottom < len(rows) - 1:
+            heading, below = rows[top], rows[top + 1]
+            names = [f"{heading[left]} {below[col]}" for col in range(left, right + 1)]
+            rows[top + 1] = [
+                *(below[col] or heading[col] for col in range(left)),
+                *names,
+                *below[right + 1 :],
+            ]
+    return rows
 
 
 def _has_table(rows: Sequence[Cells]) -> bool:
@@ -154,9 +173,9 @@ def _midc(path: Path, sheet: str) -> _Read:
 def _netcdf(path: Path, sheet: str) -> _Read:
     import xarray as xr
 
-    with path.open("rb") as file:
-        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-    with xr.open_dataset(path, engine=engine, decode_timedelta=False) as data:
+    content = path.read_bytes()  # a mapped file cannot be closed while a damaged one is referred to
+    engine = "scipy" if content.startswith(b"CDF") else "h5netcdf"
+    with xr.open_dataset(io.BytesIO(content), engine=engine, decode_timedelta=False) as data:
         times = [name for name, of in data.variables.items() if of.ndim == 1 and of.dtype.kind == "M"]
         if not times:
             problem, fix = "no variable is a time by CF", 'give it units like "seconds since 2026-05-12"'
@@ -189,7 +208,7 @@ def _text(cell: Any, *, are_days: bool) -> str:
         return cell.date().isoformat()
     if isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15:
         return str(int(cell))
-    return str(cell)
+    return re.sub(_DECIMAL_COMMA, r"\1.\2", str(cell))
 
 
 _READERS: Mapping[str, Callable[[Path, str], _Read]] = MappingProxyType(

@@ -62,6 +62,22 @@ def assert_whole(path, options=IN_UTC):
     assert stamps == [int(stamp.replace(tzinfo=UTC).timestamp()) * 10**9 for stamp in STAMPS]
 
 
+def test_a_heading_over_several_columns_belongs_to_each_name_below_it(tmp_path):
+    with xlsxwriter.Workbook(tmp_path / "a.xlsx", {"default_date_format": "yyyy-mm-dd hh:mm"}) as book:
+        sheet = book.add_worksheet()
+        sheet.merge_range(0, 0, 0, 2, "Garden 2026")
+        sheet.merge_range(1, 1, 1, 2, "Beds")
+        for number, row in enumerate([["time"], ["", "north [C]", "south [C]"]], start=1):
+            sheet.write_row(number, 0, row)
+        sheet.write(1, 1, "Beds")
+        for number, (stamp, celsius) in enumerate(zip(STAMPS, CELSIUS, strict=True), start=3):
+            sheet.write_row(number, 0, [stamp, celsius, f"{celsius + 1:.2f}".replace(".", ",")])
+    imported = read_source(tmp_path / "a.xlsx", IN_UTC)
+    (info,) = imported.streams
+    assert info.channels == ("Beds north", "Beds south")
+    assert [sample.values[1] for sample in imported.samples] == pytest.approx(np.array(CELSIUS) + 274.15)
+
+
 @pytest.mark.parametrize("kind", WORKBOOKS)
 def test_workbooks_are_read_as_their_cells_show_them(tmp_path, kind):
     assert_whole(workbook(tmp_path / "a.xlsx", Data=WORKBOOKS[kind], Notes=[["made by"], ["hand"]]))
