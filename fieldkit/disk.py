@@ -107,7 +107,7 @@ def replacing(path: Path, *, synced: bool = True) -> Iterator[Path]:
         if synced:
             put_in_place(draft, path)
         else:
-            os.replace(draft, path)
+            Patience()(partial(os.replace, draft, path))
     except BaseException:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
