@@ -305,8 +305,13 @@ def _header(above: Sequence[Row], place: int) -> tuple[list[str], list[list[str]
     while at > 0 and _is_below_names(above[at].cells, above[at - 1].cells, place):
         at -= 1
     names, before = (above[at].cells if above else []), above[max(at - 1, 0)].cells if above else []
-    is_of_units = at > 0 and _is_below_names(before, names, place) and not re.search(r"\d", before[-1])
+    is_of_units = at > 0 and len(before) <= len(names) and _are_units(before, place)
     return names, [*([before] if is_of_units else []), *(row.cells for row in above[at + 1 :])]
+
+
+def _are_units(cells: Sequence[str], place: int) -> bool:
+    others = [cell for at, cell in enumerate(cells) if cell and at != place]
+    return bool(others) and all(map(is_unit, others))
 
 
 def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> bool:
@@ -454,7 +459,8 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     columns: list[Column] = []
     for place, name in enumerate(_of_onset(names)):
         letters = {other[-1:] for other in names if other[:-1] == name[:-1]}
-        if not letters <= set("CFKcfk℃℉") and split_head(name)[1] == name[-1:]:  # T_a, T_b, T_c
+        is_letter = name[-1:].isascii() and name[-1:].isalpha() and split_head(name)[1] == name[-1:]
+        if is_letter and not letters <= set("CFKcfk"):  # T_a, T_b, T_c
             columns.append(Column(name, name, cell_of(units, place).strip("[]() ")))
             continue
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)

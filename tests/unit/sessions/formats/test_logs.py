@@ -489,6 +489,8 @@ STATED = [
     ("units below other words", "Timestamp,T1,T2\nLocal time,°F,K\n", "68,293.15", (293.15, 293.15)),
     ("behind a dash", "time,Temp - °F,T2 - K\n", "68,293.15", (293.15, 293.15)),
     ("behind an underscore", "time,T1_°F,bed_f\n", "68,68", (293.15, 293.15)),
+    ("beside others", "time,RH - %,Hum_%,T1 [F]\n", "50,50,68", (293.15,)),
+    ("below a table of the place", "Long,Lat,Module\n8.5,47.1,x\ntime,T1 [F],RH_%\n", "68,50", (293.15,)),
     ("behind a sign", "time,T1°F,tempF\n", "68,68", (293.15, 293.15)),
     ("in a column before", "time,unit,T1\n", "F,68", (293.15,)),
     ("in a column behind", "time,T1,unit\n", "68,ºF", (293.15,)),
