@@ -192,7 +192,8 @@ def read_table(
     cells = [row.cells for row in body]
     time_at = named_at or (time_places(path, labels, cells, date) if kind == "moment" else (date,))
     head = [cell_of(cells, place) for cells in (names, *below) for place in time_at]
-    stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], columns, body)))
+    others = [Column("", "") if place in time_at else column for place, column in enumerate(columns)]
+    stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], others, body)))
     units = [match[1] for row in rows[:first] if (match := _UNIT_LINE.search(" ".join(row.cells)))]
     has_end, dates = bool(losses) or text.endswith(("\n", "\r")), _dates(rows[:first])
     has_commas, has_format = delimiter != ",", time_format is not None

@@ -18,8 +18,11 @@ from fieldkit.model.site import known_zone
 _LABEL = re.compile(
     r"zone|zona|\bzon\b|\btz\b|fuseau|huso|fuso|vyöhyke|strefa|пояс|時間帯|タイムゾーン|时区|時區"
     r"|(offset|diff\w*|hours?)\W+(\w+\W+)?(utc|gmt)\b|\b(utc|gmt)[\W_]*(offset|diff\w*)"
-    r"|daylight.?saving|\bdst|sommerzeit|heure d.été|horario de verano|ora legale|夏時間|夏令时",
+    r"|summer.?time|daylight.?saving|\bdst|sommerzeit|heure d.été|horario de verano|ora legale|夏時間|夏令时",
     re.IGNORECASE,
+)
+_MENTION = re.compile(
+    r"\W*(all )?(times?|timestamps?|zeit\w*|heures?|horas?)\b\D*\b(utc|gmt)\b", re.IGNORECASE
 )
 _SUMMER = re.compile(r"daylight|dst|summer|sommer|été|verano|legale|夏", re.IGNORECASE)
 _NO = re.compile(r"\W(no|non?e?|nein|off|aus|false|disabled|inactive|0)\W*$", re.IGNORECASE)
@@ -74,8 +77,8 @@ def statements(head: Sequence[str], fields: Sequence[str]) -> list[Statement]:
 
 
 def is_label(cell: str) -> bool:
-    """True if a cell names a zone, an offset or summer time."""
-    return _LABEL.search(cell) is not None
+    """True if a cell names a zone, an offset or summer time, or says of times that they are in UTC."""
+    return _LABEL.search(cell) is not None or _MENTION.match(cell) is not None
 
 
 def example(stated: Sequence[Statement]) -> str:

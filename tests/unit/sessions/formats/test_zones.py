@@ -65,6 +65,9 @@ OPEN = [
     (table("", "Date-Time (CEST)"), "CEST"),
     (table("", "Zeit (UTC+1/+2)"), "UTC"),
     (table("time_zone,SYSTEM"), "SYSTEM"),
+    (table("UTC offset,-420"), "-420"),  # minutes, not four hours and twenty
+    (table("All times are UTC"), "All times"),
+    (table("Summer time: yes\nTime zone: UTC+1"), "Summer time"),
     (table("Time zone: UTC+1\nDaylight saving: on"), "Daylight saving"),
     (table("Timezone: Europe/Berlin", "Time (UTC)"), "Europe/Berlin"),
     (OPEN_METEO.format(3600, "Europe/Berlin", "GMT+1"), "Europe/Berlin"),
