@@ -7,9 +7,9 @@ see the noon of a clear day minutes apart.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -22,7 +22,6 @@ from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Sample, Severity, is_damaged
 from fieldkit.model.site import Region, apart_m
-from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, free_name
 from fieldkit.sessions.formats.merged import (
     Alignment,
@@ -32,7 +31,8 @@ from fieldkit.sessions.formats.merged import (
     stream_series,
     write_together,
 )
-from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.layout import FORMAT_NAME
+from fieldkit.sessions.reader import SessionReader, attribute
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, mapped_event, recorded_event, recorded_mono_ns
@@ -46,8 +46,12 @@ LIGHT = ("illuminance", "irradiance")
 
 
 def is_session(path: Path) -> bool:
-    """True for a file of HDF5, as sessions of every version are, and netCDF is too."""
-    return path.is_file() and h5py.is_hdf5(path) and not is_container(path)
+    """True for a session of any version; other files of HDF5, such as netCDF, do not say that they are."""
+    if not (path.is_file() and h5py.is_hdf5(path)):
+        return False
+    with suppress(OSError, RuntimeError), h5py.File(path, "r") as file:
+        return attribute(file, "fieldkit_format") == FORMAT_NAME
+    return path.suffix == ".h5"  # damaged: opening it tells how
 
 
 def require_joinable(session: SessionReader, other: SessionReader) -> None:
@@ -207,7 +211,7 @@ def _by_readings(session: SessionReader, other: SessionReader) -> Iterator[Align
                 _quick(stream_series(reader, info.name, session.start_ns))
                 for reader, info in ((other, their), (session, own))
             )
-            with contextlib.suppress(NoAnswerError):
+            with suppress(NoAnswerError):
                 yield replace(best_offset(*series), source=f"by {own.name} and {their.name}")
 
 

@@ -14,6 +14,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import EventKind
 from fieldkit.results.importing import ImportOptions, import_into, import_recording
 from fieldkit.sessions.formats.imported import StampedClock
+from fieldkit.sessions.formats.joined import is_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.next_steps import at
 
@@ -146,6 +147,14 @@ def test_a_session_of_another_format_is_refused(whole, tmp_path, version):
         file.attrs["fieldkit_format_version"] = version
     with pytest.raises(FormatError, check=at(their)):
         import_into(own, their, options=ImportOptions(offset_s=0.0))
+
+
+def test_other_files_of_hdf5_are_no_sessions(tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = 1
+    assert not is_session(tmp_path / "other.h5")
+    (tmp_path / "other.h5").write_bytes((tmp_path / "other.h5").read_bytes()[:600])
+    assert is_session(tmp_path / "other.h5")  # damaged, which its reader tells
 
 
 def test_a_session_alone_needs_no_import(whole):
