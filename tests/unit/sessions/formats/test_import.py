@@ -4,6 +4,8 @@ import gzip
 import math
 import os
 import struct
+import subprocess
+import sys
 from datetime import UTC
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -13,10 +15,12 @@ import numpy as np
 import pytest
 import tifffile
 
+from fieldkit.estimation.bins import CameraStream
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
-from fieldkit.model.site import Site
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.results.importing import ImportOptions, read_source
 from fieldkit.sessions.formats.imported import flag_bunched, possible, write_imported
@@ -374,6 +378,48 @@ def test_what_a_tiff_states_is_not_overridden_and_a_cut_one_refused(tmp_path, pi
     path.write_bytes(path.read_bytes()[: given.get("cut")])
     with pytest.raises(ConfigError, check=at(path, *step)):
         read_stills(path, given.get("scale"), unit=given.get("unit", ""), **MOMENT)
+
+
+WITHOUT_CODECS = """
+import sys
+from pathlib import Path
+sys.modules["imagecodecs"] = None  # as where it is not installed
+from fieldkit.sessions.formats.tiff import read_pages
+for name in sys.argv[1:]:
+    try:
+        print(read_pages(Path(name))[0].read(Path(name)).sum())
+    except Exception as error:
+        print(type(error).__name__, "ZSTD" in error.message, "files" in error.fix)
+"""
+
+
+def test_without_codecs_lzw_is_read_and_others_are_refused_by_name(tmp_path):
+    names = [str(tmp_path / f"{name}.tif") for name in ("lzw", "deflate", "zstd")]
+    for name in names:
+        tifffile.imwrite(name, DEEP[0], compression=Path(name).stem)
+    done = subprocess.run([sys.executable, "-c", WITHOUT_CODECS, *names], capture_output=True, text=True)
+    assert done.stdout.split("\n")[:3] == [*2 * [str(DEEP[0].sum())], "ConfigError True True"]
+    assert done.stderr == ""
+
+
+def test_regions_lose_only_the_pixels_that_have_no_value(tmp_path):
+    path = tmp_path / "20260512.tif"
+    pixels = CENTIGRADE.copy()
+    pixels[:4, :4] = np.nan
+    tifffile.imwrite(path, pixels)
+    imported = read_stills(path, None, unit="C", **MOMENT)
+    (frame,), (info,) = imported.samples, imported.streams
+    square = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
+    aside = tuple((x + 20.0, y + 20.0) for x, y in square)
+    regions = {
+        place: Region(f"r{place}", RegionKind.TARGET, points) for place, points in enumerate((square, aside))
+    }
+    camera = CameraStream(info, regions, EstimatorSettings())
+    sums = camera.sums(frame, camera.outline)
+    whole = [int(region.mask(DEEP[0].shape).sum()) for region in regions.values()]
+    assert sums.pixels == [whole[0] - 16, whole[1]]
+    seen = regions[0].mask(DEEP[0].shape) & np.isfinite(pixels)
+    assert sums.totals[0] / sums.pixels[0] == pytest.approx(DEEP[0][seen].mean(), abs=0.6)
 
 
 def test_a_number_that_the_file_declares_as_no_data_has_no_value(tmp_path):
