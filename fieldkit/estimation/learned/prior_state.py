@@ -108,20 +108,30 @@ def processes(
     A smooth process follows its drive with the same time constant. Chance moves it over tens of minutes but
     not from one to the next; otherwise quiet minutes would be taken for a high inertia.
     """
-    unrest, air_k = SMOOTHED * hypotheses.unrest, AIR_NOISE_K if logged.air else AIR_CHANGE_K
+    unrest, usual = SMOOTHED * hypotheses.unrest, prior.exchange_w_m2_k
     by_place = {
-        layout.place("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
+        layout.place("slow_gust_drive"): (unrest * prior.slow_gust_sd * usual, SLOW_MINUTES),
         layout.place("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
-        layout.place("air_change_drive"): (unrest * air_k, AIR_MINUTES),
+        layout.place("air_change_drive"): (air_change_k(hypotheses, prior, logged.air), AIR_MINUTES),
     }
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         by_place[layout.place(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
-        spread = unrest * prior.own_slow_exchange * hypotheses.exchange * layout.unlike_of(target).exchange
+        spread = unrest * prior.own_slow_exchange * usual * layout.unlike_of(target).exchange
         by_place[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
     for region in range(layout.regions):
         by_place[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
     return by_place
+
+
+def air_change_k(hypotheses: Hypotheses, prior: Prior, is_logged: bool) -> FloatArray:
+    """Standard deviation (p,) of the drive of the air's changes, K.
+
+    Those of an air that nobody logs are one flux into the ground under every hypothesis, at whatever unrest.
+    """
+    if is_logged:
+        return SMOOTHED * hypotheses.unrest * AIR_NOISE_K
+    return SMOOTHED * AIR_CHANGE_K * prior.exchange_w_m2_k / hypotheses.exchange
 
 
 def prior_mean(

@@ -21,7 +21,7 @@ from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
-from fieldkit.estimation.learned.prior_state import AIR_CHANGE_K, SMOOTHED, processes
+from fieldkit.estimation.learned.prior_state import air_change_k, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.model.arrays import FloatArray
@@ -138,7 +138,7 @@ class SurfaceModel:
             variance[:, self.layout.place("air")] = self.settings.prior.air_unlogged_sd_k**2
         if minute.air_stale_h > 0.0:
             drive = self.layout.place("air_change_drive")
-            change = SMOOTHED * AIR_CHANGE_K * self.hypotheses.unrest
+            change = air_change_k(self.hypotheses, self.settings.prior, is_logged=False)
             variance[:, drive] = change**2 * (1.0 - self._decay[drive] ** 2)
         return variance
 
