@@ -20,7 +20,7 @@ from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.learner import Learner
+from fieldkit.estimation.learned.learner import AT_ONCE, Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
@@ -290,8 +290,7 @@ class _Group:
             sessions.append(inputs.recorded_session(session, row, end, self._layout, regions, self._settings))
         try:
             if sessions:
-                self._learner = Learner(self._layout, self._settings, sessions)
-                self._learner.draw_for_all()
+                self._learner = Learner(self._layout, self._settings, sessions, AT_ONCE)
             self._read(inputs.shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True

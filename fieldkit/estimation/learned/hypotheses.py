@@ -29,10 +29,12 @@ MOST_SDS = 5.0
 
 Judged: because beyond it fluxes of any size explain anything, and numbers overflow.
 """
-FROM_PRIOR = 0.15
-"""Share of the proposal that is the prior, one draw in seven.
+FROM_PRIOR, DEPTH_FROM_PRIOR = 16, 4
+"""One hypothesis in so many is of the prior, and one in so many has a depth of the prior.
 
-Judged: because it keeps a truth that early minutes misjudged within reach, at the price of few draws.
+Judged: because the first keep a truth that early minutes misjudged within reach; and minutes tell a deep layer
+from a deeper one no more than a share of the prior does, so that a fitted normal distribution may miss the
+shallow ones, or the deep.
 """
 WIDER = 1.2
 """Width of the proposal over that of the fitted distribution.
@@ -84,8 +86,10 @@ class Hypotheses:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Distribution that hypotheses are drawn from: a mixture of the prior and one normal distribution, in
-    coordinates in which the prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular.
+    """Distribution that hypotheses are drawn from, in coordinates in which the prior is standard normal.
+
+    A mixture of one normal distribution, `centre` (5,) and `root` (5, 5) lower triangular, of the same with the
+    prior's depth, the first coordinate, and of the prior.
     """
 
     centre: FloatArray
@@ -120,25 +124,33 @@ class Proposal:
         narrowed = root @ axes / np.sqrt(sizes)
         return cls(centre + root @ step, np.asarray(WIDER * np.linalg.cholesky(narrowed @ narrowed.T)))
 
-    def draw(self) -> FloatArray:
-        """Points (64, 5)."""
-        standard = normal_quantile(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
-        points = self.centre + standard @ self.root.T
-        every = round(1.0 / FROM_PRIOR)
-        # were the data misjudged early, the truth could lie where nothing is drawn any more
-        points[::every] = standard[::every]
+    def draw(self, count: int) -> FloatArray:
+        """Points (count, 5), at most 256."""
+        standard = normal_quantile(np.clip(even_points("sobol-5")[:count], 1e-9, 1.0 - 1e-9))
+        inside = standard.copy()
+        # with the first coordinate of the prior, the others follow as they do in the fitted distribution
+        inside[1::DEPTH_FROM_PRIOR, 0] = (inside[1::DEPTH_FROM_PRIOR, 0] - self.centre[0]) / self.root[0, 0]
+        points = self.centre + inside @ self.root.T
+        points[::FROM_PRIOR] = standard[::FROM_PRIOR]
         return np.asarray(np.clip(points, -MOST_SDS, MOST_SDS))
+
+    def distance(self, point: FloatArray) -> float:
+        """Distance of a point (5,) from the centre, in deviations of the fitted distribution."""
+        return float(np.linalg.norm(np.linalg.solve(self.root, point - self.centre)))
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """Logarithm of the density at points (p, 5), (p,) up to that of a standard normal at its centre."""
         inside = np.linalg.solve(self.root, (points - self.centre).T)
-        fitted = -0.5 * (inside**2).sum(axis=0) - np.log(np.diagonal(self.root)).sum()
-        share = 1.0 / round(1.0 / FROM_PRIOR)
-        return np.asarray(np.logaddexp(np.log(1.0 - share) + fitted, np.log(share) + log_prior(points)))
+        each = -0.5 * inside**2 - np.log(np.diagonal(self.root))[:, np.newaxis]
+        fitted, beyond_depth = each.sum(axis=0), each[1:].sum(axis=0) + log_prior(points[:, :1])
+        parts = [fitted, beyond_depth, log_prior(points)]
+        shares = np.array([0.0, 1.0 / DEPTH_FROM_PRIOR, 1.0 / FROM_PRIOR])
+        shares[0] = 1.0 - shares.sum()
+        return np.asarray(np.logaddexp.reduce(np.log(shares)[:, np.newaxis] + parts))
 
 
 def log_prior(points: FloatArray) -> FloatArray:
-    """Logarithm of the prior's density at points (p, 5), (p,) up to its value at the centre."""
+    """Logarithm of the prior's density at points (p, k), (p,) up to its value at the centre."""
     return np.asarray(-0.5 * (points**2).sum(axis=1))
 
 
@@ -176,7 +188,7 @@ def temper(log_weights: FloatArray) -> FloatArray:
 def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
     """Hypotheses at points (p, 5) of coordinates in which the prior is standard normal."""
     prior = settings.prior
-    exchange, inertia, depth, gust, unrest = points.T
+    depth, exchange, inertia, gust, unrest = points.T  # depth first: see `Proposal`
     return Hypotheses(
         prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
         settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
@@ -203,7 +215,7 @@ def even_points(table: str) -> FloatArray:
     They are the same numbers in every run. `scipy.stats.qmc` makes them, and takes half a second to import,
     as long as everything else that an estimate needs.
 
-    ``"sobol-5"`` are 64 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``,
+    ``"sobol-5"`` are 256 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``,
     ``"sobol-2"`` 32 of ``Sobol(2, rng=default_rng(1))``. S. Joe and F. Y. Kuo, "Constructing Sobol sequences
     with better two-dimensional projections", SIAM Journal on Scientific Computing 30, 2008.
     """

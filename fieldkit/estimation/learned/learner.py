@@ -11,38 +11,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.estimation.learned.draw import Draw
 from fieldkit.estimation.learned.errors import ErrorSums
-from fieldkit.estimation.learned.filters import Filters, Start
-from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, log_prior, normalise
+from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.hypotheses import Proposal, effective, log_prior, normalise
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.facet import tilt_azimuth
 
+ROUND, FOLLOWING, AT_ONCE = 64, 128, 256
+"""Hypotheses of a round that seeks where they count, of those that follow the minutes, and of all at once.
+
+Judged: because means of so many scatter by 0.1, 0.06 and 0.04 of a half-width in the minutes that ask most.
+"""
 FIRST_DRAW = 5
 """Minutes before the first hypotheses are judged.
 
 Judged: because as many as `min_minutes`, from which slopes are shown, hold against each other at all.
 """
-FEWEST = 10.0
-"""Effective hypotheses below which all are drawn anew.
+GOOD_SHARE, LEAST_SHARE = 0.35, 0.25
+"""Effective share of the hypotheses that ends the rounds, and below which those that follow are drawn anew.
 
-Judged: because the mean of fewer scatters by a third of the posterior's own deviation.
+Judged: because a proposal that were the posterior, and as much wider as it has to be, would have two thirds.
 """
-LONGER = 1.2
+ASTRAY = 0.35
+"""Distance of the hypotheses' mean from the proposal's centre, in its deviations, that asks for a new draw.
+
+Judged: because the share does not show mass that a proposal misses; its mean begins to leave before.
+"""
+SETTLED_SDS = 0.3
+"""Change of the state that products are linear around, in its deviations, below which no round follows.
+
+Judged: because slopes move by less than a thirtieth of their half-width by it.
+"""
+LONGER = 1.1
 """Length of the chain over that at the last draw from which a new draw may be due.
 
 Judged: because a draw takes all minutes again: growing by a share keeps the cost of a session linear.
 """
-FIRST_ROUNDS, ROUNDS, MOST_ROUNDS = 3, 2, 10
-"""Draws after the first minutes, later, and at most while fewer than `FEWEST` count.
+CATCH_UP = 40
+"""Old minutes that hypotheses drawn anew take in each minute, beside those that follow.
 
-Judged: because the first ones start from the prior and move farthest; ten bound the time that a minute takes.
+Judged: because it bounds the time of a minute; after three hours it takes five minutes to catch up.
 """
+MOST_ROUNDS = 10
+"""Rounds at most: where the minutes contradict the model no share may ever be good."""
 REMEMBERED = 3
 """Rounds whose hypotheses show where the next are to be drawn.
 
@@ -53,6 +70,8 @@ STEPS, STEPS_AFTER_DRAW = 4, 15
 
 Judged: because a minute moves a normal little; from afar it takes more, and what has converged stops.
 """
+MULTIPLIED = ("gain", "diffuse", "circumsolar", "brightening")
+"""States by which others are multiplied."""
 FAR = 40.0
 """Misfit over the best branch from which another one is not pursued.
 
@@ -85,24 +104,37 @@ class Posterior:
         shift = np.matmul(self.filters.covariance[:, :, constrained], self.normals.pull[..., np.newaxis])
         return np.asarray(self.weights @ (self.filters.mean + shift[..., 0]))
 
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviation of the state (n,) over the hypotheses, without unit normals."""
+        means, within = self.filters.mean, np.diagonal(self.filters.covariance, axis1=1, axis2=2)
+        return np.asarray(np.sqrt(self.weights @ (within + (means - self.weights @ means) ** 2)))
+
+
+Density = tuple[FloatArray, FloatArray]
+"""Points (p, 5) and the logarithm of the posterior density there, (p,) up to a constant."""
+
 
 class Learner:
-    """Learns from minutes about the regions of a layout."""
+    """Learns from minutes about the regions of a layout, by `count` hypotheses."""
 
-    def __init__(self, layout: Layout, settings: EstimatorSettings, sessions: list[Recorded]) -> None:
+    posterior: Posterior
+    _draw: Draw
+    _next: Draw | None
+    _starts: tuple[FloatArray, ...]
+
+    def __init__(
+        self, layout: Layout, settings: EstimatorSettings, sessions: list[Recorded], count: int = FOLLOWING
+    ) -> None:
         self.layout = layout
         self.settings = settings
-        self.errors: ErrorSums = ErrorSums()
-        """Prediction errors of all minutes under the present hypotheses."""
-        self._take(sessions)
-
-    def _take(self, sessions: list[Recorded]) -> None:
-        """Take all these minutes under hypotheses drawn from the prior."""
         self._sessions = sessions
-        self._judged = 0
-        self._around: list[FloatArray | None] = [None] * len(sessions)
-        self._draw(Proposal.prior())
-        self.posterior: Posterior = self._posterior(STEPS_AFTER_DRAW)
+        self._take_all(count)
+
+    @property
+    def errors(self) -> ErrorSums:
+        """Prediction errors of all minutes under the present hypotheses."""
+        return self._draw.errors
 
     @property
     def minutes(self) -> Sequence[MinuteInputs]:
@@ -121,71 +153,87 @@ class Learner:
 
     def add(self, minute: MinuteInputs) -> None:
         """Take one more minute, bridging those that are missing before it."""
-        for following in (*bridge(self.last, minute), minute):
-            self._sessions[-1].minutes.append(following)
-            self.errors = self.errors.plus(self._filters.step(following))
+        self._sessions[-1].minutes.extend((*bridge(self.last, minute), minute))
+        self._draw.take(self._sessions)
         self.posterior = self._posterior(STEPS)
-        if self._is_due():
-            self._draw_anew(ROUNDS if self._judged else FIRST_ROUNDS)
+        if self._next is None and self._is_due():
+            self._next, self._judged = self._drawn_anew(FOLLOWING, [self._density()]), len(self.minutes)
+        if self._next is not None:
+            self._next.take(self._sessions, CATCH_UP)
+            if self._next.taken == len(self.minutes):
+                self._follow(self._next)
+                self._next = None
 
     def reshade(self, minutes: list[MinuteInputs]) -> None:
         """Take the same minutes again, of which some turned out to be shaded, or not."""
         # what was drawn and judged under the wrong shade counts no longer
-        self._take([Recorded(self.logged_inputs, minutes)])
+        self._sessions = [Recorded(self.logged_inputs, minutes)]
+        self._take_all(FOLLOWING)
 
-    def draw_for_all(self) -> None:
-        """Draw the hypotheses for all minutes at once, not as they add up."""
-        self._draw_anew(FIRST_ROUNDS)
+    def _take_all(self, count: int) -> None:
+        """Draw so many hypotheses for all minutes, after rounds that seek where they count."""
+        self._next = None
+        self._judged = 0
+        nowhere: list[FloatArray | None] = [None] * len(self._sessions)
+        is_enough = len(self.minutes) >= FIRST_DRAW
+        self._follow(self._drawn(Proposal.prior(), ROUND if is_enough else count, nowhere))
+        if is_enough:
+            densities: list[Density] = []
+            for _ in range(MOST_ROUNDS):
+                densities = [*densities, self._density()][-REMEMBERED:]
+                before = self._draw.around[-1]
+                self._follow(self._drawn_anew(ROUND, densities))
+                if self._share() >= GOOD_SHARE and self._is_near(before):
+                    break
+            self._follow(self._drawn_anew(count, [*densities, self._density()][-REMEMBERED:]))
+            self._judged = len(self.minutes)
 
-    def _draw_anew(self, rounds: int) -> None:
-        """Hypotheses where those that count are, some rounds over, and more while few of them count."""
-        densities: list[tuple[FloatArray, FloatArray]] = []
-        for number in range(MOST_ROUNDS):
-            if number >= rounds and effective(self.posterior.log_weights) >= FEWEST:
-                break
-            self._around = self._centres()
-            # weights are posterior over proposal: times the proposal they are the density again
-            log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
-            densities = [*densities, (self._points, log_density)][-REMEMBERED:]
-            points, log_densities = (np.concatenate(arrays) for arrays in zip(*densities, strict=True))
-            self._draw(Proposal.fit(points, log_densities))
-            self.posterior = self._posterior(STEPS_AFTER_DRAW)
-        self._judged = len(self.minutes)
+    def _drawn(self, proposal: Proposal, count: int, around: Sequence[FloatArray | None]) -> Draw:
+        return Draw(self.layout, self.settings, proposal, count, self._sessions, around)
+
+    def _drawn_anew(self, count: int, densities: Sequence[Density]) -> Draw:
+        """Hypotheses where those of some draws count, before the first minute."""
+        points, log_densities = (np.concatenate(arrays) for arrays in zip(*densities, strict=True))
+        return self._drawn(Proposal.fit(points, log_densities), count, self._centres())
+
+    def _follow(self, draw: Draw) -> None:
+        """Take all minutes with these hypotheses, and go on with them."""
+        draw.take(self._sessions)
+        self._draw = draw
+        self._starts = draw.directions()
+        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+
+    def _density(self) -> Density:
+        """The posterior's density at the hypotheses: weights are posterior over proposal."""
+        points = self._draw.points
+        return points, self.posterior.log_weights + self._draw.proposal.log_density(points)
+
+    def _share(self) -> float:
+        """Effective share of the hypotheses."""
+        return effective(self.posterior.log_weights) / len(self._draw.points)
+
+    def _is_near(self, before: FloatArray | None) -> bool:
+        """True if what products are linear around has hardly moved since before the last round."""
+        if before is None:
+            return False
+        places = [self.layout.place(name) for name in MULTIPLIED]
+        spread = self.posterior.spread[places]
+        return bool(np.all(np.abs(self.posterior.state - before)[places] <= SETTLED_SDS * spread))
 
     def _centres(self) -> list[FloatArray | None]:
         """The state at the end of each session, with what lasts as it is known by now."""
         now, lasting = self.posterior.state, self.layout.lasting_places
-        ends = [self.posterior.weights @ mean for mean in self._filters.ends]
+        ends = [self.posterior.weights @ mean for mean in self._draw.filters.ends]
         for end in ends:
             end[lasting] = now[lasting]
         return [*ends, now]
 
     def _is_due(self) -> bool:
         count = len(self.minutes)
-        if count < FIRST_DRAW:
+        if count < FIRST_DRAW or count < LONGER * self._judged:
             return False
-        if self._judged == 0 or count >= 2 * self._judged:
-            return True
-        # a draw takes all minutes again: only a chain that has grown by a share keeps the whole cost linear
-        return count >= LONGER * self._judged and effective(self.posterior.log_weights) < FEWEST
-
-    def _draw(self, proposal: Proposal) -> None:
-        """New hypotheses, taken through all minutes so far."""
-        self._proposal = proposal
-        self._points = proposal.draw()
-        starts = [
-            Start(minutes[0], logged, around, noise_of(minutes, self.settings.noise_k))
-            for (logged, minutes), around in zip(self._sessions, self._around, strict=True)
-        ]
-        drawn = hypotheses(self._points, self.settings)
-        self._filters = Filters(self.layout, drawn, self.settings, starts[0])
-        self.errors = ErrorSums()
-        for number, session in enumerate(self._sessions):
-            if number:
-                self._filters.begin_session(starts[number])
-            for minute in session.minutes:
-                self.errors = self.errors.plus(self._filters.step(minute))
-        self._starts = self._directions()
+        mean = self.posterior.weights @ self._draw.points
+        return self._share() < LEAST_SHARE or self._draw.proposal.distance(mean) > ASTRAY
 
     def _posterior(self, steps: int) -> Posterior:
         best = self._weigh(self._starts, steps)
@@ -197,24 +245,19 @@ class Learner:
                 best, other = other, best
             others[target] = other
         self._starts = best[0].units
-        return Posterior(self._filters, best[1], best[0], others)
+        return Posterior(self._draw.filters, best[1], best[0], others)
 
     def _weigh(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
-        normals = unit_normals(self._filters, starts, steps)
+        normals = unit_normals(self._draw.filters, starts, steps)
         tilts = [
             tilt_azimuth(unit @ axes.T)[0]
             for unit, axes in zip(normals.units, self.layout.facing, strict=True)
         ]
         # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
-        over_proposal = log_prior(self._points) - self._proposal.log_density(self._points)
-        weights = self._filters.log_likelihood + normals.log_evidence + over_proposal
+        over_proposal = log_prior(self._draw.points) - self._draw.proposal.log_density(self._draw.points)
+        weights = self._draw.filters.log_likelihood + normals.log_evidence + over_proposal
         return normals, weights - np.where(too_steep, FAR, 0.0)
-
-    def _directions(self) -> tuple[FloatArray, ...]:
-        """Directions of the filters' own normals, a start that knows no branch."""
-        vectors = [self._filters.mean[:, self.layout.normal(target)] for target in range(self.layout.targets)]
-        return tuple(vector / np.linalg.norm(vector, axis=1, keepdims=True) for vector in vectors)
 
     def _second_branches(self, normals: UnitNormals, log_weights: FloatArray) -> dict[int, FloatArray]:
         """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""
@@ -222,7 +265,7 @@ class Learner:
         gain, facing = normals.gain[heaviest], self.layout.facing
         here = [unit[heaviest] for unit in normals.units]
         places = [self.layout.normal(target) for target in range(self.layout.targets)]
-        covariance, mean = self._filters.covariance[heaviest], self._filters.mean[heaviest]
+        covariance, mean = self._draw.filters.covariance[heaviest], self._draw.filters.mean[heaviest]
         information = [np.linalg.inv(covariance[place, place]) * gain**2 for place in places]
         towards = [matrix @ mean[place] / gain for matrix, place in zip(information, places, strict=True)]
         others = _other_minima(information, towards, here)
