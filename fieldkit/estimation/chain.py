@@ -21,6 +21,7 @@ from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import AT_ONCE, Learner
+from fieldkit.estimation.learned.light_gaps import settled
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
@@ -238,7 +239,7 @@ class _Group:
         self._found: list[readout.KnownSlope] = []
         self._moments = readout.Moments((), np.empty(0), np.empty((0, 0)))
         self._errors: ErrorSums = ErrorSums()
-        self._first = 0
+        self._first, self._taken = 0, -1
         self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
 
@@ -253,27 +254,34 @@ class _Group:
             self._take_last(history.only(self._places))
             self._has_failed = False
         except np.linalg.LinAlgError:  # recording and other regions go on
-            self._learner, self._has_failed = None, True
+            self._learner, self._has_failed, self._taken = None, True, len(history)
 
     def _take_last(self, history: History) -> None:
         row = len(history) - 1
-        if row and history.minute[row] - history.minute[row - 1] > inputs.BRIDGED_MINUTES:
-            self._learner, self._first = None, row
-        learner, shaded = self._learner, inputs.shade(history, self._layout)
-        if learner is not None:
-            # shade that is known only now lay over minutes that were taken without it
-            if not np.array_equal(shaded[self._first : -1], self._shade):
-                learner.reshade(
-                    inputs.minutes_between(history, self._first, row, self._layout, self._settings)
-                )
+        is_apart = row > 0 and history.minute[row] - history.minute[row - 1] > inputs.BRIDGED_MINUTES
+        if is_apart or self._taken < 0:
+            self._learner, self._taken = None, row
+        shaded = inputs.shade(history, self._layout)
+        # shade that is known only now lay over minutes that were taken without it
+        if self._learner and not np.array_equal(shaded[self._first : self._taken], self._shade):
+            past = inputs.minutes_between(history, self._first, self._taken, self._layout, self._settings)
+            self._learner.reshade(past)
+        while self._taken < settled(history):
+            self._take_row(history, self._taken)
+            self._taken += 1
+        self._read(shaded)
+
+    def _take_row(self, history: History, row: int) -> None:
+        """Take a minute, or begin with it."""
+        if self._learner is not None:
             start = int(history.minute[self._first])
-            learner.add(inputs.minute_inputs(history, row, self._layout, self._settings, learner.last, start))
+            before = self._learner.last
+            self._learner.add(inputs.minute_inputs(history, row, self._layout, self._settings, before, start))
         elif inputs.can_start(history, row, self._layout):
             self._first = row
             regions = self._columns.regions
             session = inputs.recorded_session(history, row, row + 1, self._layout, regions, self._settings)
             self._learner = Learner(self._layout, self._settings, [session])
-        self._read(shaded)
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
         """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
@@ -281,6 +289,7 @@ class _Group:
         sessions: list[inputs.Recorded] = []
         for first, end in pairwise([*starts, len(history)]):
             session = history.at(slice(first, end))
+            session = session.until(settled(session))
             row = inputs.first_row(session, self._layout)
             if row is None:
                 continue
@@ -291,6 +300,7 @@ class _Group:
         try:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions, AT_ONCE)
+            self._taken = len(history)
             self._read(inputs.shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True
@@ -299,7 +309,7 @@ class _Group:
         """Slopes and moments of what is learned by now, with the `shade` of the minutes."""
         if self._learner is not None:
             # from the first minute taken on: a shade test that ends changes minutes that were taken
-            self._shade = shaded[self._first :]
+            self._shade = shaded[self._first : self._taken]
             heaviest = int(np.argmax(self._learner.posterior.log_weights))
             self._errors = self._learner.errors.under(heaviest)
             self._found = [readout.known_slope(self._learner, index) for index in range(self._targets.size)]

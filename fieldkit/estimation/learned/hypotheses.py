@@ -32,9 +32,8 @@ Judged: because beyond it fluxes of any size explain anything, and numbers overf
 FROM_PRIOR, DEPTH_FROM_PRIOR = 16, 4
 """One hypothesis in so many is of the prior, and one in so many has a depth of the prior.
 
-Judged: because the first keep a truth that early minutes misjudged within reach; and minutes tell a deep layer
-from a deeper one no more than a share of the prior does, so that a fitted normal distribution may miss the
-shallow ones, or the deep.
+Judged: because the first keep a truth that early minutes misjudged within reach; and as minutes hardly tell a
+deep layer from a deeper one, a fitted normal distribution may miss the shallow ones, or the deep.
 """
 WIDER = 1.2
 """Width of the proposal over that of the fitted distribution.
@@ -88,8 +87,8 @@ class Hypotheses:
 class Proposal:
     """Distribution that hypotheses are drawn from, in coordinates in which the prior is standard normal.
 
-    A mixture of one normal distribution, `centre` (5,) and `root` (5, 5) lower triangular, of the same with the
-    prior's depth, the first coordinate, and of the prior.
+    A mixture of one normal distribution, `centre` (5,) and `root` (5, 5) lower triangular, of the same with
+    the prior's depth, the first coordinate, and of the prior.
     """
 
     centre: FloatArray

@@ -1,7 +1,7 @@
 """Inputs of the filters for each minute, from the minute bins.
 
-A missing value is held from the minute before, and marked: frames do not count as measured, light has an
-unknown change. Minutes without any bin are bridged by straight lines.
+A temperature that is missing is held from the minute before, and does not count as measured; light is as in
+`light_gaps`. Minutes without any bin are bridged by straight lines.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.light_gaps import GapLight, light_at
 from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray
@@ -25,11 +26,6 @@ from fieldkit.physics.climate import usual_air_k
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
-UNKNOWN_CHANGE = 5.0
-"""Change of the light of a minute without a reading, as a share of the last one.
-
-Judged: because with `beam_change_share` 0.1 the light is then known to half of itself: from cloud to clear.
-"""
 BRIDGED_MINUTES = 120
 """Longest gap between minutes that belong to one chain.
 
@@ -56,8 +52,9 @@ class MinuteInputs:
         Unit vector to the sun (3,).
     temperature_k, measured
         Temperature of the regions; whether it was measured in this minute. [K]
-    direct, direct_change
-        Absorbed by a facet square to the sun; its change within the minute. [W/m2]
+    direct, direct_change, direct_sd
+        Absorbed by a facet square to the sun; its change within the minute; its standard deviation where
+        there is no reading. [W/m2]
     diffuse, circumsolar, reflected
         Absorbed from the whole sky by a level facet; Hay and Davies' circumsolar share; absorbed from the
         ground by a facet that sees nothing else. [W/m2], [-]
@@ -83,6 +80,7 @@ class MinuteInputs:
     measured: BoolArray
     direct: float
     direct_change: float
+    direct_sd: float
     diffuse: float
     circumsolar: float
     reflected: float
@@ -199,20 +197,15 @@ def minute_inputs(
     measured = np.isfinite(kelvin)
     kelvin = np.where(measured, kelvin, _begin_k(kelvin, layout) if before is None else before.temperature_k)
     cos_zenith = max(float(history.sun[row, 2]), 0.0)
-    direct, diffuse, is_known = _light(history, row, cos_zenith, settings)
+    light = light_at(history, row)
+    direct, diffuse = light.direct_w_m2, _diffuse(light, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
-    change = 0.0
-    if before is not None:
-        change = abs(absorptance * direct - before.direct)
-        if not is_known:
-            direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
-            change = UNKNOWN_CHANGE * before.direct
     beside = slice(max(row - 1, 0), row + 2)
     is_shaded, is_moved = shade(history, layout, beside)[min(row, 1)]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k, stale_h = _logged_air_k(history, row, start, settings)
-    longwave = float(history.longwave_down_w_m2[row])
+    longwave = light.longwave_w_m2
     air_k = logged_k
     if math.isnan(logged_k):
         air_k = air_unlogged_k(longwave, settings, int(history.time_ns[row]))
@@ -232,7 +225,8 @@ def minute_inputs(
         # a mean over a minute in which a shadow moved depends on when it did
         measured=measured & ~is_edge,
         direct=absorptance * direct,
-        direct_change=change,
+        direct_change=0.0 if before is None else abs(absorptance * direct - before.direct),
+        direct_sd=absorptance * light.error_w_m2,
         diffuse=absorptance * diffuse,
         circumsolar=circumsolar,
         reflected=absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
@@ -311,20 +305,11 @@ def bridge(before: MinuteInputs, after: MinuteInputs) -> Iterator[MinuteInputs]:
         yield before.between(after, minute / minutes)
 
 
-def _light(
-    history: History, row: int, cos_zenith: float, settings: EstimatorSettings
-) -> tuple[float, float, bool]:
-    """Direct normal and diffuse irradiance, W/m2, and whether there is a reading."""
-    if cos_zenith <= 0.0:
-        return 0.0, 0.0, True
-    direct = float(history.dni_w_m2[row])
-    if np.isnan(direct):
-        return 0.0, 0.0, False
-    direct = max(direct, 0.0)
-    diffuse = float(history.dhi_w_m2[row])
-    if np.isnan(diffuse):
-        diffuse = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * direct * cos_zenith
-    return direct, max(diffuse, 0.0), True
+def _diffuse(light: GapLight, cos_zenith: float, settings: EstimatorSettings) -> float:
+    """Diffuse irradiance, W/m2: logged, or a fixed share of the global; none at night."""
+    share = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction)
+    diffuse = share * light.direct_w_m2 * cos_zenith if np.isnan(light.diffuse_w_m2) else light.diffuse_w_m2
+    return max(diffuse, 0.0) if cos_zenith > 0.0 else 0.0
 
 
 def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:

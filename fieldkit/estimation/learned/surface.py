@@ -9,6 +9,7 @@ diffuse light and normal), the product is taken to first order around a given st
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -146,7 +147,7 @@ class SurfaceModel:
         """Variances by place of what lasts one minute, and of the board while there is none."""
         change, prior = minute.direct_change, self.settings.prior
         sds = {
-            "beam": prior.beam_change_share * change,
+            "beam": math.hypot(prior.beam_change_share * change, minute.direct_sd),
             "moment": MOMENT_SHARE * change,
             "edge": EDGE_SHARE * minute.direct,
             # a shutter or the housing's warmth moves all regions together
