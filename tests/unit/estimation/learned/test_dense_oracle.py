@@ -231,15 +231,18 @@ class Dense:
         for name, minutes, share in zip(GUSTS, constants.GUST_MINUTES, strengths, strict=True):
             sd = gust * share / np.sqrt((strengths**2).sum())
             self.block(name, 0.0, relaxing(sd, minutes, n))
-        air_k = constants.AIR_NOISE_K if has_air else constants.AIR_CHANGE_K
+        # an air that nobody logs changes by the same flux at any exchange and unrest
+        by_flux = constants.AIR_CHANGE_K * prior.exchange_w_m2_k / drawn.exchange[0] / drawn.unrest[0]
+        air_k = constants.AIR_NOISE_K if has_air else by_flux
         slow = {
-            "slow_gust": (prior.slow_gust_sd * drawn.exchange[0], constants.SLOW_MINUTES),
+            "slow_gust": (prior.slow_gust_sd * prior.exchange_w_m2_k, constants.SLOW_MINUTES),
             "common_flux": (prior.common_flux_sd_w_m2, constants.COMMON_MINUTES),
             "air_change": (air_k, constants.AIR_MINUTES),
         }
         for target in range(self.layout.targets):
             region = self.layout.references + target
-            own = prior.own_slow_exchange * own_exchange(self.settings, self.layout, region)
+            usual = prior.exchange_w_m2_k / drawn.exchange[0]
+            own = prior.own_slow_exchange * usual * own_exchange(self.settings, self.layout, region)
             slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
         for name, (sd, minutes) in slow.items():
             self.block(name, 0.0, following(unrest * sd, minutes, n))

@@ -17,10 +17,10 @@ def log_density(points, sds):
 @pytest.mark.parametrize("sds", [np.full(UNKNOWNS, 0.5), np.array([0.05, 0.1, 0.3, 0.6, 1.0])])
 def test_a_normal_posterior_is_found_in_few_rounds(sds):
     proposal, rounds = Proposal.prior(), 0
-    points = proposal.draw()
-    while effective(weights := log_density(points, sds) - proposal.log_density(points)) < 25.0:
+    points = proposal.draw(128)
+    while effective(weights := log_density(points, sds) - proposal.log_density(points)) < 50.0:
         proposal, rounds = Proposal.fit(points, log_density(points, sds)), rounds + 1
-        points = proposal.draw()
+        points = proposal.draw(128)
         assert rounds < 6
     mean = normalise(weights) @ points
     assert np.all(np.abs((mean - CENTRE) @ TURNED) < 0.2 * sds)
@@ -29,7 +29,7 @@ def test_a_normal_posterior_is_found_in_few_rounds(sds):
 
 
 def test_a_flat_posterior_is_the_prior():
-    points = Proposal.prior().draw()
+    points = Proposal.prior().draw(128)
     found = Proposal.fit(points, log_prior(points))
     assert np.abs(found.centre).max() < 0.2
     assert found.root @ found.root.T == pytest.approx(1.44 * np.eye(UNKNOWNS), abs=0.4)
