@@ -342,6 +342,8 @@ class _Group:
         return self._with_slope(replace(blank, n_bins=used), self._learner, index)
 
     def _with_slope(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
+        if not any(minute.sun[2] > 0.0 for minute in learner.minutes):
+            return replace(blank, state=SlopeState.LOW_SUN, reason="the sun has not been up")
         slope = self._found[index]
         region = self._columns.regions[self._targets[index]]
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
@@ -390,7 +392,13 @@ class _Group:
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if unusual := self._unusual():
             return replace(filled, state=SlopeState.UNCERTAIN, reason=unusual)
-        if is_too_wide(filled.tilt_deg, low, high):
+        if slope.ends_deg[1] <= 0.0:
+            reason = (
+                f"it leans the other way, {-slope.ends_deg[1]:.1f}° at least ({sure}): is the azimuth right?"
+            )
+            return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
+        # by both sides: what is cut for display is judged before
+        if is_too_wide(filled.tilt_deg, *slope.ends_deg):
             advice = self._advice(index, 0.5 * (high - low))
             reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
@@ -400,10 +408,8 @@ class _Group:
 
     @staticmethod
     def _has_seen_the_sun(learner: Learner, best: FloatArray) -> bool:
-        """True if the sun stood before a surface with this normal in any minute, and in a night alone."""
-        if any(minute.sun[2] > 0.0 and minute.sun @ best > GRAZING for minute in learner.minutes):
-            return True
-        return not any(minute.sun[2] > 0.0 for minute in learner.minutes)
+        """True if the sun stood before a surface with this normal in any minute."""
+        return any(minute.sun[2] > 0.0 and minute.sun @ best > GRAZING for minute in learner.minutes)
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""

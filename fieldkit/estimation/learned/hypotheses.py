@@ -32,9 +32,9 @@ Judged: because beyond it fluxes of any size explain anything, and numbers overf
 FROM_PRIOR, DEPTH_FROM_PRIOR = 15, 5
 """One hypothesis in so many is of the prior, and one in so many has a depth of the prior.
 
-Judged: because the first keep a truth that early minutes misjudged within reach; and as minutes hardly tell a
-deep layer from a deeper one, a fitted normal distribution may miss the shallow ones, or the deep. Both are odd,
-because every second or fourth point of the sequence lies in one part of its space.
+Judged: because the first keep a truth that early minutes misjudged within reach; and as minutes hardly tell
+a deep layer from a deeper one, a fitted normal distribution may miss the shallow ones, or the deep. Both are
+odd, because every second or fourth point of the sequence lies in one part of its space.
 """
 WIDER = 1.2
 """Width of the proposal over that of the fitted distribution.

@@ -141,6 +141,10 @@ class Layout:
         """Place of a target's lasting exchange over that of the references."""
         return self.own_response(self.targets) + target
 
+    def drying(self, target: int) -> int:
+        """Place of a target's flux that only fades."""
+        return self.own_exchange(self.targets) + target
+
     @cached_property
     def own_places(self) -> IntArray:
         """Places of what each region's temperature does alone (regions,)."""
@@ -171,7 +175,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.own_exchange(self.targets)
+        return self.drying(self.targets)
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:

@@ -45,6 +45,17 @@ AIR_MINUTES = 30.0
 
 Judged: because the air over warm ground changes as slowly as the wind that exchanges it.
 """
+DRYING_MINUTES = 35.0
+"""Time in which the flux that dries one bed alone falls to 1/e.
+
+Judged: because moisture of the uppermost millimetres lasts for half an hour of sun; beds that dried over 20 to
+80 min were held by it.
+"""
+DRYING_W_M2 = 60.0
+"""Standard deviation of that flux in the first minute.
+
+Judged: because 0.1 mm of water that evaporates within an hour takes 70 W/m2.
+"""
 SMOOTHED = float(np.sqrt(2.0))
 """Standard deviation of a drive over that of the process which follows it with the same time constant.
 
@@ -203,6 +214,7 @@ def prior_covariance(
         variance[:, layout.normal(target)] = sds**2
         lasting = np.hypot(unlike * prior.own_exchange, own.exchange_sd) * hypotheses.exchange * own.exchange
         variance[:, layout.own_exchange(target)] = lasting**2
+        variance[:, layout.drying(target)] = DRYING_W_M2**2
         variance[:, layout.own_response(target)] = (unlike * prior.own_inertia_sd) ** 2 + own.inertia_sd**2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2

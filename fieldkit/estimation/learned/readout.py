@@ -62,10 +62,15 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class KnownSlope:
-    """Slope of one target: mean normal (3,), likelihood region, second branch (3,) or None, and its share."""
+    """Slope of one target: mean normal (3,), likelihood region, second branch (3,) or None, and its share.
+
+    `ends_deg` are those of the tilt along its azimuth, which bounds of the region cut: below 0 it leans the
+    other way.
+    """
 
     best: FloatArray
     region: LikelihoodRegion
+    ends_deg: tuple[float, float]
     second: FloatArray | None
     share: float
 
@@ -83,8 +88,15 @@ def known_slope(learner: Learner, target: int) -> KnownSlope:
         other = _mean(*_points(normals, log_weights, target, facing))
         if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, best) > 1.0:
             second = other
-    region_of = _known_region if facing.shape[1] == 2 else _free_region
-    return KnownSlope(best, region_of(points, weights, best, facing, learner.settings), second, share)
+    is_known = facing.shape[1] == 2
+    along = facing[:, 0] if is_known else np.append(best[:2], 0.0) / max(float(np.hypot(*best[:2])), 1e-9)
+    tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
+    low, high = quantiles(tilts, weights, _ends(learner.settings))
+    if is_known:
+        region = _known_region(low, high, along, learner.settings)
+    else:
+        region = _free_region(points, weights, best, learner.settings)
+    return KnownSlope(best, region, (low, high), second, share)
 
 
 def _points(
@@ -117,12 +129,9 @@ def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _known_region(
-    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, settings: EstimatorSettings
+    low: float, high: float, along: FloatArray, settings: EstimatorSettings
 ) -> LikelihoodRegion:
-    """The middle of the tilts along a known azimuth; tilts to the other side count as negative."""
-    along = facing[:, 0]
-    tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
-    low, high = quantiles(tilts, weights, _ends(settings))
+    """The middle of the tilts along a known azimuth, without those to the other side."""
     azimuth, limit = float(tilt_azimuth(along)[1]), settings.tilt_limit_deg
     return LikelihoodRegion(max(low, 0.0), min(max(high, 0.0), limit), azimuth, azimuth, low <= 0.0)
 
@@ -133,7 +142,7 @@ def _ends(settings: EstimatorSettings) -> tuple[float, float]:
 
 
 def _free_region(
-    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, settings: EstimatorSettings
+    points: FloatArray, weights: FloatArray, best: FloatArray, settings: EstimatorSettings
 ) -> LikelihoodRegion:
     """The ellipse around the mean normal that holds the wanted share, projected on tilt and azimuth."""
     plane = tangent_basis(best[np.newaxis])[0]

@@ -22,7 +22,7 @@ from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
-from fieldkit.estimation.learned.prior_state import air_change_k, processes
+from fieldkit.estimation.learned.prior_state import DRYING_MINUTES, air_change_k, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.model.arrays import FloatArray
@@ -167,6 +167,8 @@ class SurfaceModel:
             decay[place] = np.exp(-1.0 / minutes)
         for place, drive in layout.smooth.items():
             decay[place] = decay[drive]
+        for target in range(layout.targets):
+            decay[layout.drying(target)] = np.exp(-1.0 / DRYING_MINUTES)
         # what one minute brings is not left in the next
         for name in ("beam", "moment", "edge", "camera"):
             decay[layout.place(name)] = 0.0
@@ -299,6 +301,7 @@ class SurfaceModel:
             region = self.layout.references + target
             for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
                 rows[:, region, own] -= over_air[:, region]
+            rows[:, region, self.layout.drying(target)] += 1.0
         for name in ("air", "air_change"):
             rows[:, :, place(name)] += exchange + further
         emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4

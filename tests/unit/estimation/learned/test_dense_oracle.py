@@ -244,6 +244,8 @@ class Dense:
             usual = prior.exchange_w_m2_k / drawn.exchange[0]
             own = prior.own_slow_exchange * usual * own_exchange(self.settings, self.layout, region)
             slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
+            fading = constants.DRYING_W_M2 * np.exp(-np.arange(n) / constants.DRYING_MINUTES)
+            self.block(f"drying{target}", 0.0, np.outer(fading, fading))
         for name, (sd, minutes) in slow.items():
             self.block(name, 0.0, following(unrest * sd, minutes, n))
         for region in range(self.layout.regions):
@@ -263,7 +265,11 @@ class Dense:
         for name in (*GUSTS, "slow_gust", "common_flux", "air_change", "beam", "edge"):
             yield layout.place(name), self.blocks[name].start + minute
         for target in range(layout.targets):
-            yield layout.slow_exchange(target), self.blocks[f"slow_exchange{target}"].start + minute
+            for place, name in (
+                (layout.slow_exchange(target), "slow_exchange"),
+                (layout.drying(target), "drying"),
+            ):
+                yield place, self.blocks[f"{name}{target}"].start + minute
             yield layout.own_exchange(target), self.blocks[f"own_exchange{target}"].start
             normal, block = layout.normal(target), self.blocks[f"normal{target}"]
             yield from zip(range(normal.start, normal.stop), range(block.start, block.stop), strict=True)
