@@ -32,7 +32,19 @@ BRIDGED_MINUTES = 120
 Judged: because the slowest store of a layer keeps 0.38 of its heat over that time; after longer gaps the past
 is as unknown as before a session.
 """
-EVERY_REGION = EVERY_ROW = slice(None)
+EVERY_REGION = slice(None)
+UNCOOLED_K = 0.4
+"""Cooling against the other regions that a shade exceeds in its first whole minute.
+
+Judged: because a board does even in thin sun, on dry sand by several times, and gusts hardly ever do.
+"""
+LOOK_BACK = 5
+"""Minutes before a shade with which its first whole one is compared.
+
+Judged: because a shadow that creeps in cools its region for minutes before it is noticed.
+"""
+LEAST_LIGHT_W_M2 = 120.0
+"""Direct light without which a board cools nothing that could be seen: that of sunshine (WMO-No. 8)."""
 AIR_HOLDS_MIN = 10.0
 """How long an air temperature is taken to be as it was last logged.
 
@@ -200,8 +212,7 @@ def minute_inputs(
     light = light_at(history, row)
     direct, diffuse = light.direct_w_m2, _diffuse(light, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
-    beside = slice(max(row - 1, 0), row + 2)
-    is_shaded, is_moved = shade(history, layout, beside)[min(row, 1)]
+    is_shaded, is_moved = shade(history, layout)[row]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k, stale_h = _logged_air_k(history, row, start, settings)
@@ -280,16 +291,33 @@ def _wind_change(history: History, row: int) -> float:
     return float(history.wind_m_s[rows[-1]] - history.wind_m_s[rows[0]]) if rows.size else 0.0
 
 
-def shade(history: History, layout: Layout, chosen: slice = EVERY_ROW) -> BoolArray:
+def shade(history: History, layout: Layout) -> BoolArray:
     """Regions shaded in each row, and those whose shade begins or ends there (n, 2, regions).
 
-    Apart from the shadow of their horizon. Of some rows, the first and last of which have no neighbours then.
+    Apart from the shadow of their horizon, and from marks that the temperatures contradict.
     """
-    flagged = history.is_shaded()[chosen, layout.columns]
+    flagged = history.is_shaded()[:, layout.columns]
     rows = flagged.any(axis=1)
-    flagged[rows] &= sunlit(history.sun[chosen][rows], layout) == 1.0
+    flagged[rows] &= sunlit(history.sun[rows], layout) == 1.0
+    _drop_contradicted(flagged, history, layout)
     before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
     return np.stack([flagged, flagged & ~(before & after)], axis=1)
+
+
+def _drop_contradicted(flagged: BoolArray, history: History, layout: Layout) -> None:
+    """Take the flags of shades in which a region, in the sun, cools no more than those without one."""
+    kelvin = history.temperature_k[:, layout.columns]
+    begins = flagged & ~np.vstack([np.zeros_like(flagged[:1]), flagged[:-1]])
+    for row, region in np.argwhere(begins):
+        whole = row + 1  # the first minute altogether in the shade
+        if row == 0 or whole >= len(flagged) or not history.dni_w_m2[whole] > LEAST_LIGHT_W_M2:
+            continue
+        early = max(row - LOOK_BACK, 0)
+        cooled = kelvin[early] - kelvin[whole]
+        others = cooled[~flagged[early : whole + 1].any(axis=0)]
+        if np.isfinite(others).any() and cooled[region] - np.nanmedian(others) < UNCOOLED_K:
+            lit_again = np.append(np.flatnonzero(~flagged[row:, region]), len(flagged) - row)[0]
+            flagged[row : row + lit_again, region] = False
 
 
 def sunlit(sun: FloatArray, layout: Layout) -> FloatArray:

@@ -48,8 +48,8 @@ Judged: because the air over warm ground changes as slowly as the wind that exch
 DRYING_MINUTES = 35.0
 """Time in which the flux that dries one bed alone falls to 1/e.
 
-Judged: because moisture of the uppermost millimetres lasts for half an hour of sun; beds that dried over 20 to
-80 min were held by it.
+Judged: because moisture of the uppermost millimetres lasts for half an hour of sun; beds that dried over 20
+to 80 min were held by it.
 """
 DRYING_W_M2 = 60.0
 """Standard deviation of that flux in the first minute.
