@@ -59,6 +59,7 @@ GRAZING = 0.02
 
 Judged: because within a degree of grazing a bed's own roughness decides what it sees of the sun.
 """
+NO_SUN = "the sun has not been up: if it has, the clock, the time zone or the site is wrong"
 FAILED = "the estimate failed numerically; it starts anew with the next minute"
 
 
@@ -260,28 +261,28 @@ class _Group:
         row = len(history) - 1
         is_apart = row > 0 and history.minute[row] - history.minute[row - 1] > inputs.BRIDGED_MINUTES
         if is_apart or self._taken < 0:
-            self._learner, self._taken = None, row
+            self._learner, self._first, self._taken = None, row, row
         shaded = inputs.shade(history, self._layout)
         # shade that is known only now lay over minutes that were taken without it
         if self._learner and not np.array_equal(shaded[self._first : self._taken], self._shade):
             past = inputs.minutes_between(history, self._first, self._taken, self._layout, self._settings)
             self._learner.reshade(past)
         while self._taken < settled(history):
-            self._take_row(history, self._taken)
+            self._take_row(history, self._taken, shaded[self._taken])
             self._taken += 1
         self._read(shaded)
 
-    def _take_row(self, history: History, row: int) -> None:
+    def _take_row(self, history: History, row: int, shaded: BoolArray) -> None:
         """Take a minute, or begin with it."""
+        layout, settings = self._layout, self._settings
         if self._learner is not None:
-            start = int(history.minute[self._first])
-            before = self._learner.last
-            self._learner.add(inputs.minute_inputs(history, row, self._layout, self._settings, before, start))
-        elif inputs.can_start(history, row, self._layout):
+            start, before = int(history.minute[self._first]), self._learner.last
+            self._learner.add(inputs.minute_inputs(history, row, layout, settings, before, start, shaded))
+        elif inputs.can_start(history, row, layout):
             self._first = row
             regions = self._columns.regions
-            session = inputs.recorded_session(history, row, row + 1, self._layout, regions, self._settings)
-            self._learner = Learner(self._layout, self._settings, [session])
+            session = inputs.recorded_session(history, row, row + 1, layout, regions, settings)
+            self._learner = Learner(layout, settings, [session])
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
         """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
@@ -343,7 +344,7 @@ class _Group:
 
     def _with_slope(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
         if not any(minute.sun[2] > 0.0 for minute in learner.minutes):
-            return replace(blank, state=SlopeState.LOW_SUN, reason="the sun has not been up")
+            return replace(blank, state=SlopeState.LOW_SUN, reason=NO_SUN)
         slope = self._found[index]
         region = self._columns.regions[self._targets[index]]
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))

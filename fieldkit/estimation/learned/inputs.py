@@ -202,8 +202,12 @@ def minute_inputs(
     settings: EstimatorSettings,
     before: MinuteInputs | None,
     start: int,
+    shaded: BoolArray,
 ) -> MinuteInputs:
-    """Inputs of the bin in a row, after those of the bin `before`; `start` is the first minute."""
+    """Inputs of the bin in a row, after those of the bin `before`; `start` is the first minute.
+
+    `shaded` (2, regions) is its row of `shade`.
+    """
     surface = settings.surface
     kelvin = history.temperature_k[row, layout.columns]
     measured = np.isfinite(kelvin)
@@ -212,7 +216,7 @@ def minute_inputs(
     light = light_at(history, row)
     direct, diffuse = light.direct_w_m2, _diffuse(light, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
-    is_shaded, is_moved = shade(history, layout)[row]
+    is_shaded, is_moved = shaded
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k, stale_h = _logged_air_k(history, row, start, settings)
@@ -259,10 +263,10 @@ def minutes_between(
     history: History, first: int, end: int, layout: Layout, settings: EstimatorSettings
 ) -> list[MinuteInputs]:
     """Inputs of all minutes of the rows from `first` to before `end`, with those that have no bin."""
-    start = int(history.minute[first])
-    minutes = [minute_inputs(history, first, layout, settings, None, start)]
+    start, shaded = int(history.minute[first]), shade(history, layout)
+    minutes = [minute_inputs(history, first, layout, settings, None, start, shaded[first])]
     for row in range(first + 1, end):
-        later = minute_inputs(history, row, layout, settings, minutes[-1], start)
+        later = minute_inputs(history, row, layout, settings, minutes[-1], start, shaded[row])
         minutes.extend((*bridge(minutes[-1], later), later))
     return minutes
 

@@ -19,7 +19,7 @@ from fieldkit.estimation.learned import prior_state as constants
 from fieldkit.estimation.learned import surface
 from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Hypotheses
-from fieldkit.estimation.learned.inputs import Logged, minute_inputs
+from fieldkit.estimation.learned.inputs import Logged, minutes_between
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import prior_sds
@@ -367,15 +367,12 @@ def window(seed, day, azimuth, start_h=12.0, kinds=None):
     flags[BOARD, 2] = int(Quality.SHADED)
     kelvin = history.temperature_k.copy()
     kelvin[20:23, 1] = np.nan
+    kelvin[BOARD, 2] -= 3.0  # without cooling a shade would be left out
     history = replace(history, region_flags=flags, temperature_k=kelvin)
     settings = replace(world.settings, azimuth=azimuth, model="learned", kinds=kinds or {})
     columns = RegionColumns(regions)
     layout = Layout.of(columns, columns.targets, settings)
-    minutes = []
-    for row in range(MINUTES):
-        before = minutes[-1] if minutes else None
-        minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
-    return layout, minutes, settings
+    return layout, minutes_between(history, 0, MINUTES, layout, settings), settings
 
 
 def agree(filters, lasting, of_session, mean, covariance):

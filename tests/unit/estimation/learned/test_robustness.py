@@ -12,7 +12,7 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
-from fieldkit.model.slope import SlopeState, is_too_wide
+from fieldkit.model.slope import CERTAIN, SlopeState, is_too_wide
 from tests.harness.drawn import drawn_world
 
 AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
@@ -211,8 +211,8 @@ def test_beds_in_their_own_shade(azimuth):
     shaded = replace(drawn.history, sun=sun, temperature_k=cold)
     found = last(shaded, beds, replace(drawn.settings, azimuth=azimuth))
     assert_sound(found)
-    states = {one.state for one in found.slopes}
-    assert states == {SlopeState.SHADED} or (azimuth == "free" and SlopeState.OK not in states)
+    # a bed that dries is as cold as one without sun: none is relied on
+    assert not {one.state for one in found.slopes} & set(CERTAIN)
 
 
 @pytest.mark.parametrize("azimuth", AZIMUTHS)

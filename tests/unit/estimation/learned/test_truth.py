@@ -11,7 +11,7 @@ from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Hypotheses
-from fieldkit.estimation.learned.inputs import Logged, minute_inputs
+from fieldkit.estimation.learned.inputs import Logged, minutes_between
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner, Recorded
 from fieldkit.estimation.learned.normals import unit_normals
@@ -33,11 +33,7 @@ def world(seed, day, **options):
 def inputs(drawn, regions, settings):
     columns = RegionColumns(regions)
     layout = Layout.of(columns, columns.targets, settings)
-    made = []
-    for row in range(len(drawn.history)):
-        before = made[-1] if made else None
-        made.append(minute_inputs(drawn.history, row, layout, settings, before, int(drawn.history.minute[0])))
-    return layout, made
+    return layout, minutes_between(drawn.history, 0, len(drawn.history), layout, settings)
 
 
 @pytest.mark.parametrize("seeds", [(1,), pytest.param((1, 3), marks=pytest.mark.slow)])
