@@ -472,7 +472,7 @@ def _weather_of(table: pd.DataFrame, site: Site, program: _Program, path: Path) 
         f"{path.name}: {text}"
         for is_so, text in (
             (is_typical, "its months are of several years: a typical year, not a measured one"),
-            ("ghi" not in table and "poa_direct" in table, "irradiance on a tilted plane is left out"),
+            ("ghi" not in table and "poa_direct" in table, "irradiance on a tilted plane is excluded"),
         )
         if is_so
     ]

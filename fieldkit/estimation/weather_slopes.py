@@ -71,7 +71,7 @@ WHITE_K, WHITE_LIGHT, WHITE_W_M2 = 0.15, 0.02, 3.0
 ESTIMATED = ("plate", "wall")
 NO_GROUND = (
     "{} is not estimated from the weather, only plates and walls: level ground does not read 0°, for it "
-    "conducts and evaporates; a flat piece of it in the picture gives its slope"
+    "conducts and evaporates; a flat piece of it in the frame gives its slope"
 )
 FROST = f"within {FROST_K:g} K of 0 °C for an hour by day: frost, snow or ice that melts"
 MISFIT = "no slope explains the temperatures by this weather"

@@ -102,7 +102,7 @@ def read_bag(path: Path, options: BagOptions) -> ImportedRecording:
     if not topics:
         problem = f"no topic of numbers, nor of images of 16 or 32 bits: {others or 'it is empty'}"
         raise ConfigError(problem, place=path, fix="record one, as sensor_msgs/Temperature or mono16")
-    notes = ((Severity.WARNING, f"topics without numbers are left out: {others}"),) if others else ()
+    notes = ((Severity.WARNING, f"topics without numbers are excluded: {others}"),) if others else ()
     samples = ReadAgain(partial(_samples, path, topics, options))
     return ImportedRecording(tuple(topic.info for topic in topics.values()), samples, notes)
 

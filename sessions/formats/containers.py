@@ -188,7 +188,7 @@ def _netcdf(path: Path, sheet: str) -> _Read:
         heads = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
         stamps = [f"{stamp}Z" for stamp in np.datetime_as_string(at.values)]
         rows = zip(stamps, *(of.values.tolist() for of in along.values()), strict=True)
-        notes = (f"variables of more than the time are left out: {', '.join(left)}",) if left else ()
+        notes = (f"variables of more than the time are excluded: {', '.join(left)}",) if left else ()
         return [("time", *heads), *rows], notes
 
 

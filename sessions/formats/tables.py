@@ -244,7 +244,7 @@ def _text(path: Path, encoding: str) -> Contents:
     if "\0" in text:
         raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)
     lines = "1 line of zeros, as a power cut leaves" if count == 1 else f"{count} lines with zeros"
-    return Contents(text.removeprefix("\ufeff"), (f"{lines}, left out",) if count else ())
+    return Contents(text.removeprefix("\ufeff"), (f"{lines}, excluded",) if count else ())
 
 
 def _stated_encoding(path: Path, start: bytes, given: str) -> str:
@@ -337,7 +337,7 @@ def _whole(
         )
         return rows[:other], (left_out,)
     if not text.endswith(("\n", "\r")) and len(rows) > 2 and _is_cut([row.cells for row in rows]):
-        return rows[:-1], (f"row {rows[-1].number} is cut off, and left out",)
+        return rows[:-1], (f"row {rows[-1].number} is cut off, and excluded",)
     return rows, ()
 
 

@@ -15,7 +15,7 @@ _IMAGES = {
     ".ptw .sfmov .ats .inc": ("a recording of FLIR's research cameras", "Research Studio"),
     ".svt .svx .sit .img .tmx .hir": ("an image of a thermal camera", "the maker's program"),
     ".mp4 .avi .mov .mkv .webm .wmv": ("a video, whose colours are no temperatures", "the camera's program"),
-    ".bmp .gif .webp .heic": ("a picture, whose colours are no temperatures", "the camera's program"),
+    ".bmp .gif .webp .heic": ("an image, whose colours are no temperatures", "the camera's program"),
     ".npy .npz .mat": ("arrays without times", "tifffile.imwrite or numpy.savetxt"),
 }
 _TABLES = {

@@ -68,6 +68,7 @@ DIFFERENT = {
     "--out": "a file, a folder, or a name that gets endings, as each command writes",
     "-o": "short for --out",
     "--set": "sweep takes several values of a key, the others one",
+    "--start": "study starts at hours of the day, an import at a moment",
     "--unit": "tables have more units than a thermometer's display",
 }
 """Options that take different things in different commands, and why."""

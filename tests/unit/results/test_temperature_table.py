@@ -249,7 +249,7 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
         return "\n".join([head, rows[0], ",".join([*cells[:place], text, *cells[place + 1 :]]), *rows[2:]])
 
     told: list[str] = []
-    settings = ["estimator.model=paper", "estimator.window_s=1e6"]
+    settings = ["estimator.model=paper", "estimator.window_s=86400"]
     found = estimate_tables([table(with_cell(cell))], SITE, settings=settings, notify=told.append)
     (text,) = told
     assert f"{column}: 1 " in text
