@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     "--measures",
     multiple=True,
     metavar="[COLUMN=]ghi",
-    help="What a column in W/m2 measures, if its name does not state it: ghi, dni ...; repeatable with COLUMN.",
+    help="What a column in W/m2 measures, if not in its name: ghi, dni ...; repeatable with COLUMN.",
 )
 @click.option("--encoding", default="utf-8-sig", help="Encoding of a table, such as cp932.")
 @click.option("--sheet", default="", metavar="NAME", help="Sheet of a workbook with several tables.")

@@ -44,7 +44,7 @@ def by_thing(path: Path, table: tables.Table) -> tables.Table:
     fewest = _fewest(table, telling) or telling[:1]
     if not telling or not values:
         several = [table.columns[place].head for place in table.free if _may_tell(table, place)]
-        text = f"one channel has rows of several {', '.join(several)}: call the column 'sensor' if it separates them"
+        text = f"one channel has rows of several {', '.join(several)}: if it separates them, name it 'sensor'"
         return replace(table, notes=(*table.notes, text)) if several else table
     things = {row.number: " ".join(filter(None, _cells(row.cells, fewest))) for row in table.rows}
     labels = list(dict.fromkeys(things[row.number] for row in _timed(table)))
