@@ -25,7 +25,7 @@ RESULTS = {"Minute", "FieldkitError", "Calibration", "Session", "Campaign", "cal
 def doors():
     """Public functions, constructors of what they take, methods of sessions and campaigns."""
     for module in (fieldkit, fieldkit.calibrate):
-        for name in {*module.__all__} - RESULTS:
+        for name in sorted({*module.__all__} - RESULTS):  # alike in every process that runs tests
             door = getattr(module, name)
             yield name, door.__init__ if isinstance(door, type) else door
     for kind in (fieldkit.Session, fieldkit.Campaign):

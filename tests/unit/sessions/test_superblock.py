@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import SessionError
-from fieldkit.sessions.stream_reader import whole_rows
+from fieldkit.sessions.stored import whole_rows
 from fieldkit.sessions.superblock import MendedFile, is_clean, lookup3
 
 
