@@ -14,20 +14,15 @@ import re
 from calendar import monthrange
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import (
-    ImportedRecording,
-    free_name,
-    imported_reading,
-    station_stream,
-)
+from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, station_stream
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -45,13 +40,7 @@ _VAPOUR = "蒸気圧"  # ends like 気圧, the pressure of the air, and has its 
 
 _TIME_OF_DAY = "時分"  # how the tables of ten-minute values begin, which have no date
 
-_BEGINNING = re.compile(
-    b"|".join(
-        re.escape(word.encode(encoding)) + more
-        for word, more in ((_FIRST_CELL, b""), (_TIME_OF_DAY, rb"[^\n]*\n\d\d?:\d\d"))
-        for encoding in ("cp932", "utf-8", "utf-8-sig")
-    )
-)
+_BEGINNING = re.compile(rf"{_FIRST_CELL}|{_TIME_OF_DAY}[^\n]*\n[0-9][0-9]?:[0-9][0-9]")
 
 _QUALITY, _HOMOGENEITY = "品質情報", "均質番号"
 
@@ -62,7 +51,7 @@ _DATE = re.compile(
     r"(?:\s*(\d{1,2})(?::(\d{2})(?::\d{2})?|時(?:(\d{1,2})分)?))?"
 )
 
-_SPLIT = ("年", "月", "日", "時")
+_YEAR = "年"
 
 _DAY = timedelta(days=1)
 
@@ -70,8 +59,7 @@ _DAY = timedelta(days=1)
 _SUM = Unit("MJ/㎡")
 
 
-@dataclass(frozen=True, slots=True)
-class _Item:
+class _Item(NamedTuple):
     """One value column: where it stands, where its quality and homogeneity number do (-1: nowhere)."""
 
     label: str
@@ -85,7 +73,8 @@ def is_obsdl(path: Path) -> bool:
     """True if a file begins as a download of obsdl does, or as a table of the agency without a date."""
     try:
         with path.open("rb") as file:
-            return _BEGINNING.match(file.read(4096)) is not None
+            start = file.read(4096)
+        return any(_BEGINNING.match(start.decode(code, "ignore")) for code in ("cp932", "utf-8-sig"))
     except OSError:
         return False
 
@@ -116,7 +105,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
         )
     at = _names_at(rows)
     if at is None:
-        raise _not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
+        raise _not_understood(path, f"no row names the items, beginning with {_YEAR}")
     if rows[at][0] and rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
         raise ConfigError(
             "values of periods of several days, from one date to another",
@@ -124,7 +113,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
             fix="choose hourly or daily values (時別値, 日別値) at obsdl",
         )
     hourly = _is_hourly(rows[at], rows[at + 1 :])
-    below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
+    below = [(_stamp(row, is_split=rows[at][0] == _YEAR, hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]
     if not body:
         raise ConfigError("no row that begins with a date", place=path, fix="choose hourly values at obsdl")
@@ -137,7 +126,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
 
 def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
     """The row that names the items: its first cells name the date, or nothing where that is in words."""
-    with_date = (n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0]))
+    with_date = (n for n, row in enumerate(rows) if row[0].startswith(_YEAR))
     unnamed = (n for n, row in enumerate(rows) if not row[0] and any(map(_kind, row)))
     return next(with_date, next(unnamed, None))
 
@@ -145,7 +134,7 @@ def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
 def _is_hourly(names: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
     """True if the dates have an hour, by their names or themselves; an item like 日照時間 is none of them."""
     if names[0]:
-        return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
+        return "時" in names[0] or "時" in names[:4]
     return any((date := _DATE.fullmatch(row[0].strip())) and date[4] for row in below)
 
 
@@ -213,23 +202,16 @@ def _items(
     """The value columns that count, from the row that names the items and the header rows around it."""
     stations = above[-1] if above else []
     several = len({cell for cell in stations if cell}) > 1
-    items = []
+    items: list[_Item] = []
     for place, cell in enumerate(names):
         kind = _kind(cell)
         if kind is not None and not any(_cell(row, place) for row in below):
             item = cell.rsplit("(", 1)[0]
             label = f"{_cell(stations, place)} {item}" if several else item
+            label = free_name(label, [other.label for other in items], "{} ({})")  # stations of one name
             more = _companions(names, below, place)
             items.append(_Item(label, kind, place, more.get(_QUALITY, -1), more.get(_HOMOGENEITY, -1)))
-    return _distinct(items)
-
-
-def _distinct(items: Sequence[_Item]) -> list[_Item]:
-    """The items, those of one name told apart by a number: two stations may have the same name."""
-    labels: list[str] = []
-    for item in items:
-        labels.append(free_name(item.label, labels, "{} ({})"))
-    return [replace(item, label=label) for item, label in zip(items, labels, strict=True)]
+    return items
 
 
 def _kind(cell: str) -> Meaning | None:
@@ -265,7 +247,7 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
     try:
         number = float(_cell(row, item.value))
     except ValueError:
-        return float("nan")
+        return math.nan
     if not _is_normal(item, row):
         return math.nan
     is_sum = item.kind.unit == _SUM
@@ -318,12 +300,11 @@ def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, li
         raise _not_understood(path, "no rows of days, one after another from the first of the month")
     if days[-1][0] > monthrange(first.year, first.month)[1]:
         raise _not_understood(path, f"it has {days[-1][0]} days, more than its month {first:%Y-%m}")
-    readings = []
-    for number, hours in days:
-        for hour, value in enumerate(hours):
-            time_ns = utc_ns(first + timedelta(days=number - 1, hours=hour, minutes=30))
-            readings.append(imported_reading(stream, time_ns, (value,)))
-    return readings
+    return [
+        imported_reading(stream, utc_ns(first + timedelta(days=number - 1, hours=hour, minutes=30)), (value,))
+        for number, hours in days
+        for hour, value in enumerate(hours)
+    ]
 
 
 def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
@@ -336,7 +317,7 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
         return None
     if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
         raise _not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
-    hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
+    hours = [math.nan if "X" in word else float(word) for word in words[1:25]]
     numbers = [hour for hour in hours if hour == hour]
     if "X" not in words[25] and abs(sum(numbers) - float(words[25])) > 0.5 * len(numbers) + 1:
         raise _not_understood(path, f"the hours of day {words[0]} do not add up to its sum")

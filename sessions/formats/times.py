@@ -37,9 +37,8 @@ _DATE_DIGITS = 8  # 20260512
 _WIDTHS = {"Y": 4, "j": 3}  # other numbers of strptime have two digits
 _UNIX = re.compile(r"\d{9,11}([.,]\d+)?|\d{13}(\d{3}){0,2}")
 _CLOCK = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,:]\d+)?)?(\s*[AP]\.?\s?(M\.?)?)?", re.IGNORECASE)
-_HALF_DAY = re.compile(
-    r"(?<=\d)\s*([ap])\.?\s?(?:m\.?)?$", re.IGNORECASE
-)  # also Davis's 10:00a, Spanish p. m.
+# also Davis's 10:00a, Spanish p. m.
+_HALF_DAY = re.compile(r"(?<=\d)\s*([ap])\.?\s?(?:m\.?)?$", re.IGNORECASE)
 _MILLISECONDS = re.compile(r"(?<=:\d\d:\d\d):(?=\d{3}$)")  # phones
 _SPACED_OFFSET = re.compile(r" ?([+-]\d\d:?\d\d)( UTC| GMT)?$")
 _NUMBER = re.compile(r"[+-]?\d*([.,]\d*)?(e[+-]?\d+)?", re.IGNORECASE)
@@ -126,9 +125,15 @@ def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
 
 
 def _hours_back(moment: datetime) -> float:
-    """Seconds by which clocks were put back over this time: above 0 it came twice, below 0 never."""
-    before, behind = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
-    return (before - behind) / timedelta(hours=1)
+    """Hours by which clocks were put back over this time: above 0 it came twice, below 0 never."""
+    before, behind = _offsets_h(moment)
+    return before - behind
+
+
+def _offsets_h(moment: datetime) -> list[float]:
+    """Hours ahead of UTC of a time, and of the second of two."""
+    offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
+    return [offset / timedelta(hours=1) for offset in offsets]
 
 
 def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iterator[int]:
@@ -150,20 +155,16 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
         if not back and is_coarse:  # an hourly log only repeats itself
             back = [place for place, (earlier, later) in pairs if later == earlier]
         if len(back) != 1:
-            raise ConfigError(
-                f"came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
-                "and the order of the rows leaves open which it was",
-                place=repr(texts[rows[0]]),
-                fix=_fixed_offset(moments[rows[0]]),
-            )
+            moment = moments[rows[0]]
+            problem = f"came twice in {moment.tzinfo}, at the end of summer time, "
+            problem += "and the order of the rows leaves open which it was"
+            raise ConfigError(problem, place=repr(texts[rows[0]]), fix=_fixed_offset(moment))
         yield from rows[back[0] :]
 
 
 def _fixed_offset(moment: datetime) -> Text:
     """Next step where a clock's zone leaves its times open: name the offset that it kept."""
-    offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
-    hours = sorted(offset / timedelta(hours=1) for offset in offsets)
-    zones = " or ".join(f"Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
+    zones = " or ".join(f"Etc/GMT{-int(hour):+d}" for hour in sorted(_offsets_h(moment)) if hour.is_integer())
     cut = "export it with times in UTC, or import what lies before and after on its own"
     return "if its clock was never set: " + Argument("zone") + f" {zones}; else {cut}" if zones else cut
 
@@ -180,10 +181,8 @@ def utc_ns(moment: datetime) -> int:
 def plausible_ns(time_ns: int) -> int:
     """The same; raises `ConfigError` before 1970, and after 2262, where 64 bits end."""
     if not 0 <= time_ns < 2**63:
-        raise ConfigError(
-            f"a time {time_ns / 1e9:.0f} s after 1970 is none of a recording",
-            fix="check its clock and format",
-        )
+        problem = f"a time {time_ns / 1e9:.0f} s after 1970 is none of a recording"
+        raise ConfigError(problem, fix="check its clock and format")
     return time_ns
 
 
@@ -229,9 +228,8 @@ def _iso(text: str) -> datetime:
     year, month, day, clock = match.groups(default="00:00")
     clock = _SPACED_OFFSET.sub(r"\1", re.sub(r"(?<=:\d\d) ?(UTC|GMT)$", "+00:00", clock))
     if clock.endswith("M"):
-        clock = (
-            datetime.strptime(clock, "%I:%M:%S%p" if clock.count(":") > 1 else "%I:%M%p").time().isoformat()
-        )
+        half_day = "%I:%M:%S%p" if clock.count(":") > 1 else "%I:%M%p"
+        clock = datetime.strptime(clock, half_day).time().isoformat()
     clock = clock if clock[2] == ":" else f"0{clock}"
     return datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}T{clock}")
 
@@ -353,21 +351,17 @@ def _day(text: str) -> datetime:
 def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:
     """Times that count from the one time of `start`: numbers of a unit, or hours, minutes and seconds."""
     for error in start.unreadable.values():
-        raise ConfigError(
-            error.problem, place=Argument("start"), fix=Argument("start", "2026-12-11T12:00:00")
-        )
-    start_ns = start.known_ns[0]
+        example = Argument("start", "2026-12-11T12:00:00")
+        raise ConfigError(error.problem, place=Argument("start"), fix=example)
     known_ns: dict[int, int] = {}
     unreadable: dict[int, ConfigError] = {}
     for row, text in enumerate(texts):
         elapsed = _ELAPSED.fullmatch(_MILLISECONDS.sub(".", text))
-        parts = [elapsed[1], elapsed[2], elapsed[3]] if elapsed else [text]
         if elapsed or is_number(text):
-            hours, minutes, seconds = [Decimal(0)] * (3 - len(parts)) + [
-                Decimal(part.replace(",", ".")) for part in parts
-            ]
-            count = hours * 3600 + minutes * 60 + seconds
-            known_ns[row] = plausible_ns(start_ns + round(count * Decimal(SECOND_NS if elapsed else unit_ns)))
+            hours, minutes, number = elapsed.groups() if elapsed else ("0", "0", text)
+            count = int(hours) * 3600 + int(minutes) * 60 + Decimal(number.replace(",", "."))
+            since_ns = round(count * Decimal(SECOND_NS if elapsed else unit_ns))
+            known_ns[row] = plausible_ns(start.known_ns[0] + since_ns)
         else:
             unreadable[row] = ConfigError("no number of a count", place=repr(text))
     return Times(known_ns, unreadable, start.needed_zone)
@@ -403,47 +397,39 @@ def given_times_ns(
 
 
 def _from_table(frames: Mapping[Path, int], times: Path, zone: tzinfo | None) -> dict[Path, list[int]]:
-    by_name = {path.name: path for path in frames}
-    rows = [(by_name[name], time) for name, time in _rows(times) if name in by_name]
     times_by_path: dict[Path, list[int]] = {path: [] for path in frames}
+    by_name = {path.name: path for path in frames}
+    rows = [(name, time) for name, time in _rows(times) if name in by_name]
     read = read_times([time for _, time in rows], zone)
     for row, error in read.unreadable.items():  # `time_format` is for names
         fix = "write its times in ISO 8601, such as 2026-12-11T12:00:00+09:00"
-        raise ConfigError(error.message, place=f"{times}, {rows[row][0].name}", fix=fix)
-    for row, (path, _) in enumerate(rows):
-        times_by_path[path].append(read.known_ns[row])
+        raise ConfigError(error.message, place=f"{times}, {rows[row][0]}", fix=fix)
+    for row, (name, _) in enumerate(rows):
+        times_by_path[by_name[name]].append(read.known_ns[row])
     wrong = [path for path, count in frames.items() if len(times_by_path[path]) != count]
     if wrong:
         first = f"{len(times_by_path[wrong[0]])} times for the {frames[wrong[0]]} frames of {wrong[0].name}"
-        raise ConfigError(
-            f"does not give each frame of {len(wrong)} files its time: {first}",
-            place=times,
-            fix="give every frame a line with its file's name and its time, in their order in the file",
-        )
+        problem = f"does not give each frame of {len(wrong)} files its time: {first}"
+        fix = "give every frame a line with its file's name and its time, in their order in the file"
+        raise ConfigError(problem, place=times, fix=fix)
     return times_by_path
 
 
 def _rows(times: Path) -> list[tuple[str, str]]:
     try:
         lines = times.read_text(encoding="utf-8-sig").splitlines()
-        cells = csv.reader(lines, delimiter=_delimiter(lines))
+        # semicolons or tabs part the columns where the first line has them, else commas
+        delimiter = next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
+        cells = csv.reader(lines, delimiter=delimiter)
         return [(row[0].strip(), row[1].strip()) for row in cells if len(row) >= 2]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"cannot read: {error}", place=times, fix="save it as CSV, UTF-8") from error
 
 
-def _delimiter(lines: Sequence[str]) -> str:
-    """Separator of the columns: semicolons or tabs where the first line has them, else commas."""
-    return next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
-
-
 def _from_names(frames: Mapping[Path, int], time_format: str, zone: tzinfo | None) -> dict[Path, list[int]]:
     several = next((path for path, count in frames.items() if count > 1), None)
     if several is not None:
-        raise ConfigError(
-            f"has {frames[several]} frames, its name only one time",
-            place=several,
-            fix=Argument("times", "stamps.csv") + ", with a line for each: file name, time",
-        )
+        fix = Argument("times", "stamps.csv") + ", with a line for each: file name, time"
+        raise ConfigError(f"has {frames[several]} frames, its name only one time", place=several, fix=fix)
     times_ns = parse_times_ns([path.stem for path in frames], zone, time_format)
     return {path: [time_ns] for path, time_ns in zip(frames, times_ns, strict=True)}
