@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import gzip
 import hashlib
 import os
 import stat
@@ -120,6 +121,14 @@ def is_regular(path: Path) -> bool:
         return stat.S_ISREG(path.lstat().st_mode)
     except OSError:
         return False
+
+
+def unpacked(path: Path, most: int) -> bytes:
+    """The first `most` bytes of a file, unpacked where it is gzipped; raises what `gzip` does."""
+    with path.open("rb") as file:
+        is_packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path) if is_packed else path.open("rb") as file:
+        return file.read(most)
 
 
 def sha256(path: Path) -> str:

@@ -20,20 +20,21 @@ from __future__ import annotations
 
 import argparse
 import csv
-import gzip
 import io
 import math
 import re
 import warnings
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fieldkit.disk import unpacked
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
@@ -118,10 +119,6 @@ _PROGRAMS = (
 )
 
 
-def _nothing() -> FloatArray:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, slots=True)
 class Weather:
     """Measured weather at one station; every array has shape (n,), NaN where not measured.
@@ -150,9 +147,9 @@ class Weather:
     wind_m_s: FloatArray
     site: Site
     source: str = "given weather"
-    pressure_pa: FloatArray = field(default_factory=_nothing)
-    ghi_w_m2: FloatArray = field(default_factory=_nothing)
-    longwave_up_w_m2: FloatArray = field(default_factory=_nothing)
+    pressure_pa: FloatArray = field(default_factory=partial(np.zeros, 0))
+    ghi_w_m2: FloatArray = field(default_factory=partial(np.zeros, 0))
+    longwave_up_w_m2: FloatArray = field(default_factory=partial(np.zeros, 0))
     notes: tuple[str, ...] = ()
     """Parts of the file that were not used, and why."""
 
@@ -190,31 +187,19 @@ def read_table(lines: Iterable[str]) -> Weather:
             body.append(line)
     rows = list(csv.DictReader(body))
     try:
-        site = Site(
-            float(about["latitude_deg"]),
-            float(about["longitude_deg"]),
-            float(about["elevation_m"]),
-            about["timezone"],
-        )
+        place = (float(about[name]) for name in ("latitude_deg", "longitude_deg", "elevation_m"))
+        latitude_deg, longitude_deg, elevation_m = place
+        site = Site(latitude_deg, longitude_deg, elevation_m, about["timezone"])
         ends_ns = np.array([row["end_utc"].rstrip("Z") for row in rows], "datetime64[ns]").astype(np.int64)
         values = {name: np.array([float(row[name] or "nan") for row in rows]) for name in _COLUMNS}
     except KeyError as missing:
         raise ConfigError(
             f"the weather table lacks {missing}", fix="make it again: python -m fieldkit.weather"
         ) from None
-    return Weather(
-        time_ns=ends_ns - half_step_ns(ends_ns),
-        dni_w_m2=values["dni_w_m2"],
-        dhi_w_m2=values["dhi_w_m2"],
-        longwave_down_w_m2=values["longwave_down_w_m2"],
-        air_temperature_k=values["air_temperature_c"] + CELSIUS_ZERO_K,
-        wind_m_s=values["wind_m_s"],
-        pressure_pa=values["pressure_hpa"] * 100.0,
-        ghi_w_m2=values["ghi_w_m2"],
-        longwave_up_w_m2=values["longwave_up_w_m2"],
-        site=site,
-        source=about.get("source", ""),
-    )
+    values["air_temperature_k"] = values.pop("air_temperature_c") + CELSIUS_ZERO_K
+    values["pressure_pa"] = values.pop("pressure_hpa") * 100.0
+    time_ns, source = ends_ns - half_step_ns(ends_ns), about.get("source", "")
+    return Weather(time_ns=time_ns, site=site, source=source, notes=(), **values)
 
 
 def half_step_ns(stamps_ns: IntArray) -> int:
@@ -226,7 +211,7 @@ def half_step_ns(stamps_ns: IntArray) -> int:
 def is_station_file(path: Path) -> bool:
     """True if a file is one of these, by its content."""
     try:
-        head = _content(path, _HEAD_BYTES)
+        head = unpacked(path, _HEAD_BYTES)
     except (OSError, EOFError, zlib.error):
         return False
     return _SURFRAD_PLACE.match(head) is not None or _program_of(head) is not None
@@ -254,39 +239,24 @@ def read_station_file(path: Path) -> Weather:
         If the file is neither, is damaged, or needs pvlib, which is not installed.
     """
     try:
-        content = _content(path, _MOST_BYTES)
+        content = unpacked(path, _MOST_BYTES)
         if len(content) == _MOST_BYTES:
             raise ConfigError(
                 f"more than {_MOST_BYTES // 10**6} MB", place=path, fix="use one day, or one month"
             )
-        if _BSRN.start.match(content):
-            return _bsrn(path, content.decode("ascii", errors="replace"))
         program = _program_of(content[:_HEAD_BYTES])
+        if program is _BSRN:
+            return _bsrn(path, content.decode("ascii", errors="replace"))
         if program is None:
             _surfrad_site(path, content)
         if not path.read_bytes().startswith(content[:2]):
             raise ConfigError("compressed", place=path, fix=f"unpack it first: gunzip {path}")
-        if program is not None:
-            return _by_pvlib(program, path, path)
-        return read_surfrad(path)
+        return _by_pvlib(program, path, path) if program else read_surfrad(path)
     except ConfigError:
         raise
-    except (OSError, EOFError, zlib.error, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise _damage_error(path, error) from error
-
-
-def _content(path: Path, most: int) -> bytes:
-    """The first `most` bytes, uncompressed."""
-    with path.open("rb") as file:
-        if file.read(2) != b"\x1f\x8b":
-            file.seek(0)
-            return file.read(most)
-    with gzip.open(path) as packed:
-        return packed.read(most)
-
-
-def _damage_error(path: Path, error: Exception) -> ConfigError:
-    return ConfigError(f"damaged: {error}", place=path, fix="download it again, and do not edit it")
+    except Exception as error:  # pandas raises exceptions of its own
+        fix = "download it again, and do not edit it"
+        raise ConfigError(f"damaged: {error}", place=path, fix=fix) from error
 
 
 def _surfrad_site(path: Path, content: bytes) -> Site:
@@ -389,10 +359,7 @@ def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
         " radiation budget network for atmospheric research. Bull. Amer. Meteor. Soc. 81, 2341-2357\n"
     )
     yield "# made by: python -m fieldkit.weather\n"
-    yield f"# latitude_deg: {site.latitude_deg}\n"
-    yield f"# longitude_deg: {site.longitude_deg}\n"
-    yield f"# elevation_m: {site.elevation_m}\n"
-    yield f"# timezone: {site.timezone}\n"
+    yield from (f"# {name}: {value}\n" for name, value in asdict(site).items() if name != "body")
     yield "# end_utc: end of the averaged minute; air temperature at 10 m\n"
     yield ",".join(("end_utc", *_COLUMNS)) + "\n"
     yield from (",".join(row) + "\n" for row in rows)
@@ -410,12 +377,9 @@ def _by_pvlib(program: _Program, path: Path, source: Path | io.StringIO, **optio
     except ImportError as error:
         problem = f"files of {program.name} need pvlib"
         raise ConfigError(problem, place=path, fix=install_extra("files")) from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pvlib uses pandas features that are deprecated
-            table, about = getattr(iotools, program.reader)(source, **options)
-    except Exception as error:  # pandas raises exceptions of its own
-        raise _damage_error(path, error) from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pvlib uses pandas features that are deprecated
+        table, about = getattr(iotools, program.reader)(source, **options)
     if table.empty or not about:
         problem = f"no radiation of {program.name} in it"
         raise ConfigError(problem, place=path, fix="download the whole file again")
@@ -442,11 +406,14 @@ def _without_cut_line(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
 
 _NAMES = {
     # ours, and those of pvlib's readers
-    "down": ("lwd", "ghi_infrared", "IR(h)"),
-    "up": ("lwu",),
-    "air": ("temp_air",),
-    "wind": ("wind_speed",),
-    "pressure": ("pressure", "atmospheric_pressure"),
+    "dni_w_m2": ("dni",),
+    "dhi_w_m2": ("dhi",),
+    "ghi_w_m2": ("ghi",),
+    "longwave_down_w_m2": ("lwd", "ghi_infrared", "IR(h)"),
+    "longwave_up_w_m2": ("lwu",),
+    "air_temperature_k": ("temp_air",),
+    "wind_m_s": ("wind_speed",),
+    "pressure_pa": ("pressure", "atmospheric_pressure"),
 }
 
 
@@ -459,36 +426,30 @@ def _weather_of(table: pd.DataFrame, site: Site, program: _Program, path: Path) 
     is_typical = not table.index.is_monotonic_increasing and program is not _BSRN
     table = table[~table.index.duplicated()].sort_index()
 
-    def column(name: str) -> FloatArray:
-        values = next((table[column] for column in _NAMES.get(name, (name,)) if column in table), math.nan)
-        is_bad = table[f"{name}_flag"] == 1 if f"{name}_flag" in table else False
-        return np.where(is_bad, math.nan, np.broadcast_to(np.asarray(values, np.float64), len(table)))
-
+    columns = {}
+    for ours, names in _NAMES.items():
+        values = next((table[name] for name in names if name in table), math.nan)
+        is_bad = table.get(f"{names[0]}_flag") == 1
+        columns[ours] = np.where(
+            is_bad, math.nan, np.broadcast_to(np.asarray(values, np.float64), len(table))
+        )
+    columns["air_temperature_k"] += CELSIUS_ZERO_K
+    columns["pressure_pa"] *= program.pressure_pa
     labels = pd.DatetimeIndex(table.index).tz_convert("UTC").tz_localize(None)
     for year in set(labels.year):
         _refuse_year(year)
     stamps_ns = labels.to_numpy().astype("datetime64[ns]").astype(np.int64)
-    notes = [
-        f"{path.name}: {text}"
-        for is_so, text in (
-            (is_typical, "its months are of several years: a typical year, not a measured one"),
-            ("ghi" not in table and "poa_direct" in table, "irradiance on a tilted plane is excluded"),
-        )
-        if is_so
-    ]
+    notes = []
+    if is_typical:
+        notes.append("its months are of several years: a typical year, not a measured one")
+    if "ghi" not in table and "poa_direct" in table:
+        notes.append("irradiance on a tilted plane is excluded")
     return Weather(
         time_ns=stamps_ns + round(2.0 * program.middle) * half_step_ns(stamps_ns),
-        dni_w_m2=column("dni"),
-        dhi_w_m2=column("dhi"),
-        longwave_down_w_m2=column("down"),
-        air_temperature_k=column("air") + CELSIUS_ZERO_K,
-        wind_m_s=column("wind"),
-        pressure_pa=column("pressure") * program.pressure_pa,
-        ghi_w_m2=column("ghi"),
-        longwave_up_w_m2=column("up"),
         site=site,
         source=f"{program.name}, {path.name}",
-        notes=tuple(notes),
+        notes=tuple(f"{path.name}: {note}" for note in notes),
+        **columns,
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from mmap import mmap
 from typing import Any
 
@@ -31,6 +31,13 @@ MOST_PIXELS = 1 << 24
 _APP1, _APP2, _APP3 = 0xE1, 0xE2, 0xE3
 _PNG, _JPEG_LS = b"\x89PNG", (b"\xff\xd8\xff\xf7", b"\xff\xd8\xff\xe8")
 _INFORMATION_END = 0x394
+_CONSTANTS = (
+    # of the camera information: where they begin, as `struct` has them, their names in `Planck`
+    (0x20, "6f4xf", "emissivity distance_m reflected_k air_k window_k window_transmission humidity"),
+    (0x58, "3f", "r1 b f"),
+    (0x70, "5f", "alpha1 alpha2 beta1 beta2 x"),
+    (0x308, "if", "o r2"),
+)
 _SHORT_PADDING, _MOST_PADDING = 16, 1 << 16
 """Bytes after any frame, or before another: some models fill up to whole words, others to blocks or pages."""
 
@@ -124,19 +131,14 @@ def _without_fff(segments: list[tuple[int, bytes]], head: bytes) -> DecodeError:
 
 def frame_length(data: bytes | mmap, start: int = 0) -> int:
     """Bytes of the FFF at `start`: the end of its last record."""
-    order, directory, count = _header(data, start)
-    ends = [directory + count * ENTRY]
-    ends += [offset + length for _, offset, length in _entries(data, start, order, directory, count)]
-    return max(ends)
+    directory_end, entries = _entries(data, start)
+    return max([directory_end, *(offset + length for _, offset, length in entries)])
 
 
 def read_frame(data: bytes) -> FlirFrame:
     """Decode one FFF; raises `DecodeError`."""
-    order, directory, count = _header(data, 0)
-    records = {
-        kind: data[offset : offset + length]
-        for kind, offset, length in _entries(data, 0, order, directory, count)
-    }
+    _, entries = _entries(data, 0)
+    records = {kind: data[offset : offset + length] for kind, offset, length in entries}
     if RAW_IMAGE not in records or CAMERA_INFORMATION not in records:
         raise DecodeError("an FFF without raw frame or camera information", data[:32])
     return _with_information(_pixels(records[RAW_IMAGE]), records[CAMERA_INFORMATION])
@@ -153,10 +155,9 @@ def _header(data: bytes | mmap, start: int) -> tuple[str, int, int]:
     raise DecodeError(f"the FFF header at byte {start} makes no sense", data[start : start + HEADER])
 
 
-def _entries(
-    data: bytes | mmap, start: int, order: str, directory: int, count: int
-) -> list[tuple[int, int, int]]:
-    """(type, offset, length) of every record, offsets from the start of the FFF."""
+def _entries(data: bytes | mmap, start: int) -> tuple[int, list[tuple[int, int, int]]]:
+    """End of the directory, and (type, offset, length) of every record, from the start of the FFF."""
+    order, directory, count = _header(data, start)
     entries = []
     for number in range(count):
         place = start + directory + number * ENTRY
@@ -168,7 +169,7 @@ def _entries(
             raise DecodeError("the FFF is cut short", data[start : start + HEADER])
         if kind:
             entries.append((kind, offset, length))
-    return entries
+    return directory + count * ENTRY, entries
 
 
 def _order(record: bytes) -> str:
@@ -225,29 +226,12 @@ def _with_information(counts: CountArray, record: bytes) -> FlirFrame:
     if len(record) < _INFORMATION_END:
         raise DecodeError("the camera information is too short", record[:32])
     order = _order(record)
-
-    def number(offset: int) -> float:
-        return float(struct.unpack_from(f"{order}f", record, offset)[0])
-
-    constants = Planck(
-        r1=number(0x58),
-        b=number(0x5C),
-        f=number(0x60),
-        o=struct.unpack_from(f"{order}i", record, 0x308)[0],
-        r2=number(0x30C),
-        emissivity=number(0x20),
-        distance_m=number(0x24),
-        reflected_k=number(0x28),
-        air_k=number(0x2C),
-        window_k=number(0x30),
-        window_transmission=number(0x34),
-        humidity=_fraction(number(0x3C)),
-        alpha1=number(0x70),
-        alpha2=number(0x74),
-        beta1=number(0x78),
-        beta2=number(0x7C),
-        x=number(0x80),
-    )
+    numbers: dict[str, float] = {}
+    for offset, kinds, names in _CONSTANTS:
+        numbers |= zip(names.split(), struct.unpack_from(order + kinds, record, offset), strict=True)
+    if 1.0 < numbers["humidity"] <= 100.0:  # some models write percent
+        numbers["humidity"] /= 100.0
+    constants = Planck(**numbers)
     _refuse_nonsense(constants, record)
     seconds, milliseconds = struct.unpack_from(f"{order}II", record, 0x384)
     return FlirFrame(
@@ -260,14 +244,12 @@ def _with_information(counts: CountArray, record: bytes) -> FlirFrame:
     )
 
 
-def _fraction(humidity: float) -> float:
-    """Relative humidity, which some models write in percent."""
-    return humidity / 100.0 if 1.0 < humidity <= 100.0 else humidity
-
-
 def _refuse_nonsense(constants: Planck, record: bytes) -> None:
-    values = {name: getattr(constants, name) for name in Planck.__slots__}
-    wrong = [f"{name} {value:g}" for name, value in values.items() if not _is_plausible(name, value)]
+    wrong = []
+    for name, value in asdict(constants).items():
+        low, high = _RANGES.get(name, (-1e12, 1e12))
+        if not low <= value <= high:
+            wrong.append(f"{name} {value:g}")
     if not wrong and not _transmits(constants):
         wrong = ["a path through the air that transmits nothing"]
     if wrong:
@@ -276,11 +258,6 @@ def _refuse_nonsense(constants: Planck, record: bytes) -> None:
             record[:64],
             fix="correct it in the maker's program, and save the file again",
         )
-
-
-def _is_plausible(name: str, value: float) -> bool:
-    low, high = _RANGES.get(name, (-1e12, 1e12))
-    return low <= value <= high
 
 
 def _transmits(constants: Planck) -> bool:
@@ -295,5 +272,5 @@ def settings(frame: FlirFrame) -> dict[str, Any]:
 
     The emissivity set in the camera is kept as `camera_emissivity` and not applied.
     """
-    constants = {name: getattr(frame.constants, name) for name in Planck.__slots__}
-    return {**constants, "emissivity": 1.0, "camera_emissivity": frame.constants.emissivity}
+    camera_emissivity = frame.constants.emissivity
+    return {**asdict(frame.constants), "emissivity": 1.0, "camera_emissivity": camera_emissivity}

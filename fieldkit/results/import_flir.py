@@ -7,10 +7,11 @@ and beside them those of its ordinary camera, which hold no temperatures.
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import tzinfo
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.next_step import Text
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, flag_bunched, usual_rate_hz
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, plausible_ns
 
 SUFFIXES = (".fff", ".seq", ".csq", ".jpg", ".jpeg")
@@ -37,19 +38,12 @@ class _File:
     damage: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Frames:
-    """The frames of files, read whenever they are iterated over, never all in memory."""
-
-    files: list[_File]
-    name: str
-
-    def __iter__(self) -> Iterator[Frame]:
-        rows, number = np.empty((0, 0), np.uint16), 0
-        for file in self.files:
-            for stamp, stored in zip(file.time_ns, _stored_frames(file.path), strict=False):
-                yield Frame(self.name, stamp, stamp, stored.counts, rows, device_seq=number)
-                number += 1
+def _frames(files: Sequence[_File], name: str) -> Iterator[Frame]:
+    """The frames of files, never all in memory."""
+    rows, number = np.empty((0, 0), np.uint16), count()
+    for file in files:
+        for stamp, stored in zip(file.time_ns, _stored_frames(file.path), strict=False):
+            yield Frame(name, stamp, stamp, stored.counts, rows, device_seq=next(number))
 
 
 def files_in(source: Path) -> list[Path]:
@@ -75,10 +69,11 @@ def read_flir(
     name_times_ns = given_times_ns(counts, times, time_format, zone)
     files = _with_times(files, name_times_ns, offset_ns)
     time_ns = [stamp for file in files for stamp in file.time_ns]
-    samples: Iterable[Frame] = _Frames(files, name)
+    read = partial(_frames, files, name)
+    samples: Iterable[Frame] = ReadAgain(read)
     rate_hz, notes = usual_rate_hz(time_ns), skipped
     if not source.is_dir():  # in a folder each frame was taken by hand, at no rate
-        samples, notes = flag_bunched(partial(_Frames, files, name), time_ns)
+        samples, notes = flag_bunched(read, time_ns)
         rate_hz = first.rate_hz
     damages = tuple((Severity.WARNING, file.damage) for file in files if file.damage)
     info = StreamInfo(

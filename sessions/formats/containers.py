@@ -6,7 +6,6 @@ Times of netCDF are by CF, in UTC; those of workbooks as the cells show them. Ne
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import re
 import zipfile
@@ -218,11 +217,3 @@ _READERS: Mapping[str, Callable[[Path, str], _Read]] = MappingProxyType(
         **dict.fromkeys((".nc", ".nc4", ".cdf"), _netcdf),
     }
 )
-
-
-def unpacked(path: Path, most: int) -> bytes:
-    """The bytes of a text, unpacked where it is gzipped; no more than one above `most`."""
-    with path.open("rb") as file:
-        is_packed = file.read(2) == b"\x1f\x8b"
-    with gzip.open(path) if is_packed else path.open("rb") as file:
-        return file.read(most + 1)

@@ -25,10 +25,11 @@ from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
+from fieldkit.disk import unpacked
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
-from fieldkit.sessions.formats.containers import Contents, is_container, read_contents, unpacked
+from fieldkit.sessions.formats.containers import Contents, is_container, read_contents
 from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.formats.time_columns import (
     SAMPLE,
@@ -222,7 +223,7 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
 def _text(path: Path, encoding: str) -> Contents:
     """The text of a file without lines that a power cut has left as zeros, or an erased flash as ones."""
     try:
-        data = unpacked(path, _MAX_BYTES)
+        data = unpacked(path, _MAX_BYTES + 1)
         if len(data) > _MAX_BYTES:
             raise ConfigError(f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split it")
         stated = _stated_encoding(path, data[:3], encoding)
