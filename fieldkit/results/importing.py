@@ -26,7 +26,7 @@ from fieldkit.results import import_flir
 from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
-from fieldkit.sessions.formats import jma, stills
+from fieldkit.sessions.formats import jma, joined, stills
 from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
@@ -37,14 +37,6 @@ from fieldkit.sessions.formats.imported import (
     possible,
     together,
     write_imported,
-)
-from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
-from fieldkit.sessions.formats.joined import (
-    clock_difference,
-    is_session,
-    join,
-    recording_of,
-    require_joinable,
 )
 from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.logs import LogOptions, read_log
@@ -241,10 +233,8 @@ def import_recording(
         raise together(error, *(() if options.site or config else (_NO_SITE,))) from None
     site, recording = _with_site(recording, options.site, config)
     recording = possible(recording, config.limits if config else changed_rows({}, site.body), site)
-    regions = config.regions if config else ()
-    header = SessionHeader(
-        options.title or source.name, site, recording.streams, regions, command_line=command_line
-    )
+    title, regions = options.title or source.name, config.regions if config else ()
+    header = SessionHeader(title, site, recording.streams, regions, command_line=command_line)
     path = Path(out) if out is not None else _default_path(config, recording, source)
     path.parent.mkdir(parents=True, exist_ok=True)
     return ImportedSession.of(write_imported(path, header, recording, str(source)), recording)
@@ -272,7 +262,7 @@ def import_into(
     """
     source, options = Path(source), options or ImportOptions()
     _refuse_unused(source, options, {"title", "site"}, "merged into a session, which keeps site and title")
-    if is_session(source):
+    if joined.is_session(source):
         return _join(session, source, out, options)
     with reading(session) as opened:
         recording = _read_in_zone(source, options, opened.site, "session")
@@ -294,19 +284,19 @@ def _join(
     unused = {field.name for field in fields(options)} - {"name", "offset_s"}
     _refuse_unused(source, options, unused, "a session")
     with reading(session) as opened, reading(source) as other:
-        require_joinable(opened, other)
+        joined.require_joinable(opened, other)
         if options.offset_s is None or options.offset_s == AUTO:
-            clock = clock_difference(opened, other)
+            clock = joined.clock_difference(opened, other)
         else:
             clock = Alignment(options.offset_s, math.nan, math.nan, "as stated")
-        recording = recording_of(opened, other, clock, options.name)
+        recording = joined.recording_of(opened, other, clock, options.name)
         if keys := configured_otherwise(opened, other):
             text = f"slopes use the settings of {opened.path.name}, not {', '.join(keys)} of {source.name}"
             recording = _with_warning(recording, text)
         recording = _warned_of_irradiance(opened, recording)
         default = opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5")
         path = default if out is None else Path(out)
-        return ImportedSession.of(join(opened, other, recording, clock, path), recording)
+        return ImportedSession.of(joined.join(opened, other, recording, clock, path), recording)
 
 
 def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
@@ -335,40 +325,27 @@ def _with_site(
 ) -> tuple[Site, ImportedRecording]:
     """Site of the recording, and the recording with a warning if only the campaign states that."""
     if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
-        raise ConfigError(
-            f"{_coordinates(site)}, but the recording states {_coordinates(recording.site)}",
-            place=Argument("site"),
-            fix="omit it",
-        )
-    place = site or recording.site
-    if place is not None:
+        problem = f"{_coordinates(site)}, but the recording states {_coordinates(recording.site)}"
+        raise ConfigError(problem, place=Argument("site"), fix="omit it")
+    if place := site or recording.site:
         return place, recording
     if config is None:
         raise _NO_SITE
-    place = config.site
-    where = f"{_coordinates(place)}{_note_on_default(place)}"
-    return place, _with_warning(
-        recording,
-        f"no site was given: taken as recorded at the campaign's site, {where}; "
-        "if it was elsewhere, import it again with its site",
-    )
+    default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
+    is_default = (config.site.latitude_deg, config.site.longitude_deg) == default
+    note = " (the paper's, the default of a campaign)" if is_default else ""
+    text = f"no site was given: taken as recorded at the campaign's site, {_coordinates(config.site)}{note}; "
+    text += "if it was elsewhere, import it again with its site"
+    return config.site, _with_warning(recording, text)
 
 
 def _coordinates(site: Site) -> str:
     return f"{site.latitude_deg:g}, {site.longitude_deg:g}"
 
 
-def _note_on_default(site: Site) -> str:
-    default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
-    is_default = (site.latitude_deg, site.longitude_deg) == default
-    return " (the paper's, the default of a campaign)" if is_default else ""
-
-
 def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRecording:
     """The recording, with a warning if it was made at another place than the session."""
-    if recording.site is None:
-        return recording
-    away_m = apart_m(recording.site, site)
+    away_m = apart_m(recording.site, site) if recording.site else 0.0
     if away_m < NEAR_M:
         return recording
     text = f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
@@ -382,11 +359,10 @@ def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) 
     before, after = (sunlight_source(streams, settings) for streams in (own, own + recording.streams))
     if before is None or after is None or before.info.name == after.info.name:
         return recording
-    return _with_warning(
-        recording,
+    text = (
         f"slopes now use the irradiance of {after.info.name} ({after.measures}), not of {before.info.name}; "
-        f'irradiance.stream = "{before.info.name}" keeps it',
     )
+    return _with_warning(recording, f'{text}irradiance.stream = "{before.info.name}" keeps it')
 
 
 def _with_warning(recording: ImportedRecording, text: str) -> ImportedRecording:
@@ -415,15 +391,15 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
             unused = {field.name for field in fields(options)} - _OF_ALL - source_format.uses
             _refuse_unused(source, options, unused, source_format.name)
             recording = source_format.read(source, options)
-            zone = options.zone or source_format.zone
-            note = (Severity.INFO, f"times in {zone}")
-            return replace(recording, notes=(*recording.notes, *([note] if source_format.zone else ())))
-    raise ConfigError(
-        "no format that fieldkit reads",
-        place=source,
-        fix="it reads .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
-        "tables and workbooks, netCDF, bags of ROS, files of radiation networks and services",
+            if not source_format.zone:
+                return recording
+            note = Severity.INFO, f"times in {options.zone or source_format.zone}"
+            return replace(recording, notes=(*recording.notes, note))
+    fix = (
+        "it reads .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
+        "tables and workbooks, netCDF, bags of ROS, files of radiation networks and services"
     )
+    raise ConfigError("no format that fieldkit reads", place=source, fix=fix)
 
 
 def _read_in_zone(source: Path, options: ImportOptions, site: Site | None, whose: str) -> ImportedRecording:
@@ -474,16 +450,16 @@ def _is_stills(source: Path) -> bool:
 
 
 def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
-    per_count = options.kelvin_per_count
-    if per_count is None and options.kelvin_at_zero:
-        raise ConfigError(
-            "has no effect alone",
-            place=Argument("kelvin_at_zero"),
-            fix="add " + Argument("kelvin_per_count"),
-        )
-    scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
-    name = options.name or "camera"
+    if options.kelvin_per_count is None and options.kelvin_at_zero:
+        place, fix = Argument("kelvin_at_zero"), "add " + Argument("kelvin_per_count")
+        raise ConfigError("has no effect alone", place=place, fix=fix)
+    name, scale = options.name or "camera", _scale(options)
     return stills.read_stills(source, scale, name=name, unit=options.unit, **_frame_times(options))
+
+
+def _scale(options: ImportOptions) -> stills.Scale | None:
+    per_count = options.kelvin_per_count
+    return None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
 
 
 def _station(source: Path, options: ImportOptions) -> ImportedRecording:
@@ -491,23 +467,21 @@ def _station(source: Path, options: ImportOptions) -> ImportedRecording:
 
 
 def _is_jma(source: Path) -> bool:
-    return is_radiation_table(source) or is_obsdl(source)
+    return jma.is_radiation_table(source) or jma.is_obsdl(source)
 
 
 def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
-    name = options.name or "station"
-    if options.date is not None and not is_radiation_table(source) and jma.is_of_one_day(source):
+    name, is_radiation = options.name or "station", jma.is_radiation_table(source)
+    if options.date is not None and not is_radiation and jma.is_of_one_day(source):
         of_day = LogOptions(zone=jma.JST, date=f"{options.date}", encoding=jma.encoding_of(source))
         return read_log(source, name, of_day)
     _refuse_unused(source, options, {"date"}, "a file with dates")
-    return (read_radiation_table if is_radiation_table(source) else read_obsdl)(source, name)
+    return (jma.read_radiation_table if is_radiation else jma.read_obsdl)(source, name)
 
 
 def _bag(source: Path, options: ImportOptions) -> ImportedRecording:
-    per_count, zero = options.kelvin_per_count, options.kelvin_at_zero
-    scale = None if per_count is None else stills.Scale(per_count, zero)
-    topics = BagOptions(options.name or "", options.columns, options.unit, scale, _offset_ns(options))
-    return read_bag(source, topics)
+    name, scale, offset_ns = options.name or "", _scale(options), _offset_ns(options)
+    return read_bag(source, BagOptions(name, options.columns, options.unit, scale, offset_ns))
 
 
 def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
@@ -559,7 +533,7 @@ _READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
 _TABLE = frozenset({*_READINGS, "time_format", "time_columns", "start", "date", "encoding"})
 _BAG = frozenset({"kelvin_per_count", "kelvin_at_zero", "unit", "columns", "offset_s"})
 _FORMATS = (
-    _Format("a session", is_session, _refuse_session, frozenset({"offset_s"})),
+    _Format("a session", joined.is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
     _Format("a recording of ROS", is_bag, _bag, _BAG, "UTC"),
     _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, _stills, _FRAMES, "UTC"),

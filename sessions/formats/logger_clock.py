@@ -35,9 +35,8 @@ class TimedRow(NamedTuple):
     cells: list[str]
 
     def __str__(self) -> str:
-        return (
-            f"row {self.number} ({datetime.fromtimestamp(self.time_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC)"
-        )
+        time = datetime.fromtimestamp(self.time_ns // 10**9, UTC)
+        return f"row {self.number} ({time:%Y-%m-%d %H:%M:%S} UTC)"
 
 
 def in_clock_order(
@@ -79,20 +78,15 @@ def _spread(path: Path, rows: Sequence[TimedRow]) -> tuple[list[TimedRow], Notes
     steps = [later[0].time_ns - earlier[0].time_ns for earlier, later in pairwise(minutes)]
     most, least = max(map(len, minutes)), min(map(len, minutes[1:-1]), default=0)
     if most != least or min(steps) <= 0:
-        raise ConfigError(
-            f"its times are whole minutes, with {least} to {most} rows each, as a spreadsheet saves them",
-            place=path,
-            fix="export it from the logger again, or use one row a minute: " + Argument("keep", "first"),
-        )
-    step_ns = min(steps)
-    spread = [
-        row._replace(
-            time_ns=row.time_ns
-            + (number + (most - len(group) if group is minutes[0] else 0)) * step_ns // most
-        )
-        for group in minutes
-        for number, row in enumerate(group)
-    ]
+        rows_each = f"{least} to {most} rows each"
+        problem = f"its times are whole minutes, with {rows_each}, as a spreadsheet saves them"
+        fix = "export it from the logger again, or use one row a minute: " + Argument("keep", "first")
+        raise ConfigError(problem, place=path, fix=fix)
+    step_ns, spread = min(steps), list[TimedRow]()
+    for group in minutes:
+        before = most - len(group) if group is minutes[0] else 0  # the log began within a minute
+        for number, row in enumerate(group, start=before):
+            spread.append(row._replace(time_ns=row.time_ns + number * step_ns // most))
     text = f"times are whole minutes, {most} rows each: spread evenly, {step_ns / most / SECOND_NS:g} s apart"
     return spread, [(Severity.WARNING, text)]
 
@@ -147,11 +141,8 @@ def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
     back = timedelta(microseconds=(before.time_ns - after.time_ns) // 1000)
     what = f"goes back by {back}" if back else "stands still"
     more = f", and {len(steps) - 1} more times" if len(steps) > 1 else ""
-    return ConfigError(
-        f"the clock {what} from {before} to {after}{more}",
-        place=path,
-        fix=Argument("keep") + ", or import both parts alone; if summer time ended: " + Argument("zone"),
-    )
+    fix = Argument("keep") + ", or import both parts alone; if summer time ended: " + Argument("zone")
+    return ConfigError(f"the clock {what} from {before} to {after}{more}", place=path, fix=fix)
 
 
 def _missing(rows: Sequence[TimedRow], kept: Sequence[TimedRow]) -> list[TimedRow]:

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
-from itertools import chain, compress
+from itertools import chain, compress, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Sentence
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
+from fieldkit.sessions.formats import tables
 from fieldkit.sessions.formats.imported import (
     ImportedRecording,
     MissingOptionsError,
@@ -37,20 +38,7 @@ from fieldkit.sessions.formats.imported import (
 )
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.long_tables import by_thing
-from fieldkit.sessions.formats.tables import (
-    AVERAGED,
-    BY_COMMAS,
-    DEFAULT_ENCODING,
-    SAMPLED,
-    Table,
-    named,
-    number_of,
-    number_text,
-    place_of,
-    read_table,
-    split_head,
-    written_unit,
-)
+from fieldkit.sessions.formats.tables import DEFAULT_ENCODING, Table, read_table
 from fieldkit.sessions.formats.time_columns import cell_of, counted_ns
 from fieldkit.sessions.formats.times import (
     GIVE_ZONE,
@@ -135,10 +123,9 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
+    about = f"{path.name}: {len(rows)} rows, times {zone}{applied}"
     all_notes = (
-        (Severity.INFO, f"{path.name}: {len(rows)} rows, times {zone}{applied}"),
-        *([(Severity.INFO, table.about)] if table.about else []),
-        *((Severity.INFO, note) for note in table.notes),
+        *((Severity.INFO, note) for note in (about, table.about, *table.notes) if note),
         *((Severity.WARNING, loss) for loss in table.losses),
         *about_times,
         *about_columns,
@@ -180,10 +167,8 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
 def _missing_of_times(path: Path, table: Table, options: LogOptions) -> list[ConfigError]:
     try:
         _timed_rows(path, table, options)
-    except MissingOptionsError as error:
-        return [error]
-    except ConfigError:
-        return []  # told when the options are there
+    except ConfigError as error:  # others are raised when the options are there
+        return [error] if isinstance(error, MissingOptionsError) else []
     return []
 
 
@@ -201,11 +186,9 @@ def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, N
         return times, "with their own offset", [(Severity.WARNING, text)] if options.zone else []
     agree = [read(other).known_ns == times.known_ns for other in stated]
     if options.zone and stated and not any(agree):
-        raise ConfigError(
-            f"its times are of the zone {stated[0]}, not of {options.zone}",
-            place=path,
-            fix="omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock",
-        )
+        fix = "omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock"
+        problem = f"its times are of the zone {stated[0]}, not of {options.zone}"
+        raise ConfigError(problem, place=path, fix=fix)
     words = " and ".join(repr(one.words) for one in table.stated)
     if not options.zone and table.stated and not (stated and all(agree)):
         fix = "name the zone that its clock kept, such as " + Argument("zone", example(table.stated))
@@ -269,14 +252,10 @@ def _too_long(table: Table) -> dict[int, ConfigError]:
     """
     table = table.long or table
     width = len(table.columns)
-    named_width = max(
-        (place for place, column in enumerate(table.columns, start=1) if column.head), default=0
-    )
+    named_width = max((at for at, column in enumerate(table.columns, start=1) if column.head), default=0)
+    fix = "quote cells with a separator in them, and write decimals with points"
     return {
-        place: ConfigError(
-            f"it has {len(row.cells)} cells, the header {named_width}",
-            fix="quote cells with a separator in them, and write decimals with points",
-        )
+        place: ConfigError(f"it has {len(row.cells)} cells, the header {named_width}", fix=fix)
         for place, row in enumerate(table.rows)
         if any(row.cells[width:]) or any(cell.isdecimal() for cell in row.cells[named_width:])
     }
@@ -299,14 +278,14 @@ class Channel(NamedTuple):
 
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
-        meaning, number = self.meaning_in(cells), number_of(number_text(cell_of(cells, self.place)))
+        meaning, number = self.meaning_in(cells), tables.number_of(tables.number_at(cells, self.place))
         return meaning.in_stream_unit(number) if meaning else math.nan
 
     def meaning_in(self, cells: Sequence[str]) -> Meaning | None:
         """Meaning of a row's number; None where its unit is of another quantity."""
         if self.unit_at < 0:
             return self.meaning
-        written = written_unit(cells, self.place, self.unit_at)
+        written = tables.written_unit(cells, self.place, self.unit_at)
         if not written and self.unit_at == self.place:
             return self.meaning
         meaning = meaning_of(written, self.label) or unknown_meaning(written)
@@ -321,10 +300,9 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
     """
     unit = options.unit
     if unit and quantities.unit_of(unit) is None:
-        raise ConfigError(
-            "not a unit that is known", place=Argument("unit", unit), fix=f"known units: {KNOWN_UNITS}"
-        )
-    by_name = [place_of(path, table.columns, name) for name in options.columns]
+        fix = f"known units: {KNOWN_UNITS}"
+        raise ConfigError("not a unit that is known", place=Argument("unit", unit), fix=fix)
+    by_name = [tables.place_of(path, table.columns, name) for name in options.columns]
     channels: list[Channel] = []
     heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": [], "process": []}
     for place in by_name or _free(table):
@@ -334,14 +312,14 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
         option = meaning_of(unit, column.label)
         if by_name and written and option and stated != option:
             text = f"states the unit {written!r}, not {unit!r}"
-            raise ConfigError(
-                text, place=named(path, column), fix="omit " + Argument("unit") + ", or the column"
-            )
-        is_sample = column.process in (*SAMPLED, *AVERAGED)
+            omit = "omit " + Argument("unit") + ", or the column"
+            raise ConfigError(text, place=tables.named(path, column), fix=omit)
+        is_average = column.process in tables.AVERAGED
+        is_sample = is_average or column.process in tables.SAMPLED
         meaning = (stated or (None if written else option)) if is_sample or by_name else None
         source = "unknown" if meaning is None else "table" if stated else "option"
         meaning = meaning or unknown_meaning(written)
-        channels.append(Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at))
+        channels.append(Channel(place, column.label, meaning, is_average, column.unit_at))
         heads[source].append(column.head)
         heads["process"] += [f"{column.head} ({column.process})"] if by_name and not is_sample else []
     _refuse_open_units(path, table, channels, heads["option"], options)
@@ -362,7 +340,7 @@ def _refuse_open_units(
     unit, about = options.unit, f" ({table.about})" if table.about else ""
     without = [channel for channel in channels if not channel.meaning.unit.shown]
     if without and (options.columns or len(without) == len(channels)):
-        place = named(path, table.columns[without[0].place]) if options.columns else path
+        place = tables.named(path, table.columns[without[0].place]) if options.columns else path
         fix = 'headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others"
         raise MissingOptionsError(f"no column has a unit{about}", place=place, fix=fix)
     option = meaning_of(unit)
@@ -371,7 +349,7 @@ def _refuse_open_units(
     if heads and option and other and option not in above:
         fix = "omit " + Argument("unit") + f" {unit}, or give " + Argument("unit", other[0])
         raise ConfigError(f"states the unit {other[0]!r} above its header, not {unit!r}", place=path, fix=fix)
-    kinds = {re.sub(r"[\W_][A-Za-z]$|[\W\d_]", "", split_head(head)[0]).lower() for head in heads}
+    kinds = {re.sub(r"[\W_][A-Za-z]$|[\W\d_]", "", tables.split_head(head)[0]).lower() for head in heads}
     if len(kinds) > 1 and not options.columns:
         columns = Sentence.listing([Argument("columns", head) for head in heads])
         text = f"{len(heads)} columns state no unit, and {unit} need not be that of all{about}"
@@ -393,17 +371,16 @@ def _components(
     if len(unnamed) > 1 and measures.get("") and not options.columns:
         labels = ", ".join(names[place] for place in unnamed)
         fix = Argument("measures", {names[unnamed[0]]: measures[""]}) + ", and so each of the others"
-        raise MissingOptionsError(
-            f"{measures['']} may be what each of {labels} measures", place=path, fix=fix
-        )
+        problem = f"{measures['']} may be what each of {labels} measures"
+        raise MissingOptionsError(problem, place=path, fix=fix)
     by_option = dict.fromkeys(unnamed, measures[""]) if measures.get("") else {}
-    by_option |= {place_of(path, table.columns, name): value for name, value in measures.items() if name}
+    by_option |= {tables.place_of(path, table.columns, key): measures[key] for key in measures if key}
     for place, component in by_option.items():
         own = components.get(place)
         if own not in ("", component) or not may_measure(names[place], component):
             text = f"states {own}, not {component}" if own else f"measures no {component}"
             fix = "omit " + Argument("measures") + ", or the column"
-            raise ConfigError(text, place=named(path, table.columns[place]), fix=fix)
+            raise ConfigError(text, place=tables.named(path, table.columns[place]), fix=fix)
     notes = Notes()
     for component in dict.fromkeys(measures.values()):
         applied = [names[place] for place in by_option if by_option[place] == component]
@@ -422,20 +399,14 @@ def _stated_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
     column = table.columns[place]
     if column.unit_at < 0:
         return column.unit, meaning_of(column.unit, column.label)
-    cells = {written_unit(row.cells, place, column.unit_at): row.number for row in reversed(table.rows)}
-    cells.pop("", None)
-    meanings = {
-        meaning.quantity.name: (meaning, cell)
-        for cell in cells
-        if (meaning := meaning_of(cell, column.label))
-    }
+    units = ((tables.written_unit(row.cells, place, column.unit_at), row) for row in reversed(table.rows))
+    cells = {unit: row.number for unit, row in units if unit}
+    known = [(meaning, cell) for cell in cells if (meaning := meaning_of(cell, column.label))]
+    meanings = {meaning.quantity.name: (meaning, cell) for meaning, cell in known}
     if len(meanings) > 1:
-        units = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in meanings.values())
-        raise ConfigError(
-            f"has values in {units}",
-            place=named(path, column),
-            fix="import the rows of each quantity on their own",
-        )
+        several = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in meanings.values())
+        fix = "import the rows of each quantity on their own"
+        raise ConfigError(f"has values in {several}", place=tables.named(path, column), fix=fix)
     meaning, written = next(iter(meanings.values()), (None, next(iter(cells), "")))
     return written, meaning
 
@@ -479,10 +450,8 @@ def _info(
 ) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
     measures = tuple(components.get(channel.place, "") for channel in channels)
-    rate_hz, raw_bytes = (
-        usual_rate_hz([row.time_ns for row in rows]),
-        max((len(_raw(row)) for row in rows), default=1),
-    )
+    rate_hz = usual_rate_hz([row.time_ns for row in rows])
+    raw_bytes = max((len(_raw(row)) for row in rows), default=1)
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
         measures=measures if any(measures) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
@@ -548,24 +517,20 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     """Number of cells that are not numbers at all, or have a unit that is not known."""
-    cells = [
-        (cell, channel, row)
-        for row in rows
-        for channel in channels
-        if (cell := number_text(cell_of(row.cells, channel.place)))
-    ]
-    words = [cell for cell, _, _ in cells if math.isnan(number_of(cell)) and cell.lower() != "nan"]
-    units = [
-        f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})"
-        for _, channel, row in cells
-        if channel.meaning_in(row.cells) is None
-    ]
-    notes = []
+    words, units = list[str](), list[str]()
+    for row, channel in product(rows, channels):
+        if cell := tables.number_at(row.cells, channel.place):
+            words += [cell] if math.isnan(tables.number_of(cell)) and cell.lower() != "nan" else []
+            if channel.meaning_in(row.cells) is None:
+                units.append(f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})")
+    notes = Notes()
     if words:
-        notes.append(f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}")
+        text = f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}"
+        notes.append((Severity.WARNING, text))
     if units:
-        notes.append(f"{len(units)} cells have no value for their unit: {listing(units)}")
-    return [(Severity.WARNING, text) for text in notes]
+        text = f"{len(units)} cells have no value for their unit: {listing(units)}"
+        notes.append((Severity.WARNING, text))
+    return notes
 
 
 def _on_stream(stream: _Stream) -> Notes:
@@ -594,14 +559,12 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
     Where commas part the columns that is a comma, elsewhere a point.
     """
     heads = {channel.place: table.columns[channel.place].head for channel in channels}
-    cells = [
-        (number_text(cell_of(row.cells, place)), head) for row in table.rows for place, head in heads.items()
-    ]
+    cells = [(tables.number_at(row.cells, at), head) for row in table.rows for at, head in heads.items()]
     may_be_points = table.has_decimal_commas
     if may_be_points and _show_decimal_points([cell for cell, _ in cells]):
         return
     for cell, head in cells:
-        has_comma = _WITH_COMMA.fullmatch(cell) and not BY_COMMAS.fullmatch(cell)
+        has_comma = _WITH_COMMA.fullmatch(cell) and not tables.BY_COMMAS.fullmatch(cell)
         if _ANY_POINT.fullmatch(cell) if may_be_points else has_comma:
             raise ConfigError(
                 f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals",
@@ -613,16 +576,13 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
 def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel]) -> None:
     """Refuse a column of cells that are no numbers, but for words that say that there is no value."""
     for channel in channels:
-        cells = [cell for row in table.rows if (cell := number_text(cell_of(row.cells, channel.place)))]
+        cells = [cell for row in table.rows if (cell := tables.number_at(row.cells, channel.place))]
         words = [cell for cell in cells if not _NO_VALUE.fullmatch(cell)]
-        if words and all(math.isnan(number_of(cell)) for cell in words):
+        if words and all(math.isnan(tables.number_of(cell)) for cell in words):
             others = [Argument("columns", other.label) for other in channels if other != channel]
-            raise ConfigError(
-                f"has no number, but {words[0][:20]!r}",
-                place=named(path, table.columns[channel.place]),
-                fix="write numbers as 1234.5"
-                + (", or import the others: " + Sentence.listing(others) if others else ""),
-            )
+            or_others = ", or import the others: " + Sentence.listing(others) if others else ""
+            place, fix = tables.named(path, table.columns[channel.place]), "write numbers as 1234.5"
+            raise ConfigError(f"has no number, but {words[0][:20]!r}", place=place, fix=fix + or_others)
 
 
 def _show_decimal_points(cells: Sequence[str]) -> bool:

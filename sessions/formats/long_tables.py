@@ -104,11 +104,11 @@ def _telling(table: tables.Table) -> list[int]:
 def _fewest(table: tables.Table, telling: Sequence[int]) -> list[int]:
     """Those of the columns without which fewer things could be told."""
     fewest: list[int] = []
+    known = 1
     for place in telling:
-        with_it, without = (
-            {tuple(_cells(row.cells, at)) for row in table.rows} for at in ([*fewest, place], fewest)
-        )
-        fewest += [place] if len(with_it) > len(without) else []
+        things = {tuple(_cells(row.cells, [*fewest, place])) for row in table.rows}
+        if len(things) > known:
+            fewest, known = [*fewest, place], len(things)
     return fewest
 
 
@@ -117,21 +117,17 @@ def _is_telling(table: tables.Table, place: int, rows: Sequence[tables.Row]) -> 
     names, by_name = set(cells) - {""}, tables.THING.fullmatch(table.columns[place].label.strip())
     are_numbers, is_repeated = all(map(str.isdecimal, cells)), 2 * len(names) <= len(cells)
     is_mixed = not (are_numbers or by_name) and any(map(str.isdecimal, names))  # 20, OL, 21
-    is_alone = (
-        by_name and not are_numbers and any(tables.VALUE.search(column.label) for column in table.columns)
-    )
-    if len(names) < (1 if is_alone else 2) or is_mixed or not all(map(_NAME.fullmatch, names)):
+    has_value = any(tables.VALUE.search(column.label) for column in table.columns)
+    least = 1 if by_name and not are_numbers and has_value else 2
+    if len(names) < least or is_mixed or not all(map(_NAME.fullmatch, names)):
         return False
     groups: dict[str, list[str]] = {}
     for row, cell in zip(rows, cells, strict=True):
         groups.setdefault(table.time_text(row), []).append(cell)
     several = [group for group in groups.values() if len(group) > 1]
     differ = all(len(set(group)) == len(group) for group in several)
-    if (
-        differ
-        and 2 * sum(map(len, several)) >= len(cells)
-        and not (are_numbers and len(set(map(frozenset, several))) > 1)
-    ):
+    are_same = not are_numbers or len(set(map(frozenset, several))) <= 1
+    if differ and are_same and 2 * sum(map(len, several)) >= len(cells):
         return True
     if by_name and not are_numbers:
         return True
@@ -162,7 +158,7 @@ def _is_cycle(cells: Sequence[str]) -> bool:
 def _parts(table: tables.Table, rows: Sequence[tables.Row], names: Sequence[str]) -> bool:
     """True where numbers jump from row to row, and not from row to row of one name."""
     for place in table.free:
-        numbers = np.array([tables.number_of(tables.number_text(cell_of(row.cells, place))) for row in rows])
+        numbers = np.array([tables.number_of(tables.number_at(row.cells, place)) for row in rows])
         within = [_jump(numbers[np.array(names) == name]) for name in set(names)]
         if _jump(numbers) > 3.0 * max(within) > 0.0:
             return True

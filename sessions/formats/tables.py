@@ -31,14 +31,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
 from fieldkit.sessions.formats.containers import Contents, is_container, read_contents
 from fieldkit.sessions.formats.imported import free_name
-from fieldkit.sessions.formats.time_columns import (
-    SAMPLE,
-    Kind,
-    cell_of,
-    first_time,
-    time_places,
-    time_text,
-)
+from fieldkit.sessions.formats.time_columns import SAMPLE, Kind, cell_of, first_time, time_places, time_text
 from fieldkit.sessions.formats.times import is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
 
@@ -139,11 +132,10 @@ class Table:
 
     def has_numbers(self, place: int) -> bool:
         """True if a column has numbers, and not times or those of the rows before their time."""
-        cells = [number_text(cell_of(row.cells, place)) for row in self.rows]
+        cells = [number_at(row.cells, place) for row in self.rows]
         numbers = [number_of(cell) for cell in cells]
-        is_numbering = place < min(self.time_at) and all(
-            later == earlier + 1.0 for earlier, later in pairwise(numbers)
-        )
+        are_in_turn = all(later == earlier + 1.0 for earlier, later in pairwise(numbers))
+        is_numbering = are_in_turn and place < min(self.time_at)
         return not (all(map(math.isnan, numbers)) or is_numbering or all(map(is_unix, cells)))
 
     def time_text(self, row: Row) -> str:
@@ -178,11 +170,8 @@ def read_table(
     kind = "moment" if len(time_names) > 1 else kind  # a count has one column
     names, below = _header(rows[:first], date)
     if len(names) < 2 or first >= len(rows):
-        raise ConfigError(
-            "no table with a header line and rows",
-            place=path,
-            fix="keep the header line, with the unit of each column in brackets",
-        )
+        fix = "keep the header line, with the unit of each column in brackets"
+        raise ConfigError("no table with a header line and rows", place=path, fix=fix)
     columns = _columns(names, below, is_campbell=rows[0].cells[0] in _CAMPBELL)
     body = [row for row in rows[first:] if not row.cells[0].startswith("#")]  # comments, annotations
     for row in body:
@@ -212,9 +201,8 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
     for place, column in enumerate(columns):
         if name in (column.head, column.label):
             return place
-    raise ConfigError(
-        f"no column {name!r}", place=path, fix=f"it has: {', '.join(column.head for column in columns)}"
-    )
+    fix = f"it has: {', '.join(column.head for column in columns)}"
+    raise ConfigError(f"no column {name!r}", place=path, fix=fix)
 
 
 # --- from bytes to rows
@@ -230,15 +218,11 @@ def _text(path: Path, encoding: str) -> Contents:
         # a character that was cut off at the end is none
         text = codecs.getincrementaldecoder(stated)().decode(_ERASED.sub(b"", data))
     except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
-            place=path,
-            fix=_NAME_ENCODING,
-        ) from error
+        problem = f"not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}"
+        raise ConfigError(problem, place=path, fix=_NAME_ENCODING) from error
     except LookupError as error:
-        raise ConfigError(
-            "no such encoding", place=Argument("encoding", encoding), fix=_NAME_ENCODING
-        ) from error
+        place = Argument("encoding", encoding)
+        raise ConfigError("no such encoding", place=place, fix=_NAME_ENCODING) from error
     except (OSError, EOFError, zlib.error, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
     text, count = _ZEROS.subn("", text)
@@ -252,9 +236,8 @@ def _stated_encoding(path: Path, start: bytes, given: str) -> str:
     """The encoding given, or that of the mark at the beginning of the file."""
     stated = next((name for mark, name in _MARKS.items() if start.startswith(mark)), given)
     if given != DEFAULT_ENCODING and codecs.lookup(given).name[:6] != codecs.lookup(stated).name[:6]:
-        raise ConfigError(
-            f"begins as {stated}, not as {given}", place=path, fix="omit " + Argument("encoding")
-        )
+        fix = "omit " + Argument("encoding")
+        raise ConfigError(f"begins as {stated}, not as {given}", place=path, fix=fix)
     return stated
 
 
@@ -265,11 +248,9 @@ def refuse_swallowed(path: Path, line: int, cells: Iterable[str], width: int, de
     """
     for after in (after for cell in cells for after in cell.splitlines()[1:]):
         if after.count(delimiter) >= max(1, width - 2):  # rows may end before their last cell
-            raise ConfigError(
-                f"a quote opens a cell that goes on to line {line}, over whole rows",
-                place=path,
-                fix=f"close the quote before the row {after.strip()[:40]!r}, or delete it",
-            )
+            problem = f"a quote opens a cell that goes on to line {line}, over whole rows"
+            fix = f"close the quote before the row {after.strip()[:40]!r}, or delete it"
+            raise ConfigError(problem, place=path, fix=fix)
 
 
 def _unreadable(path: Path, why: str) -> ConfigError:
@@ -329,14 +310,10 @@ def _whole(
     rows: list[Row], names: list[str], below: list[list[str]], place: int, text: str
 ) -> tuple[list[Row], tuple[str, ...]]:
     """The rows of the first table, without a last one that was cut off; what is left out, in words."""
-    other = next(
-        (at for at in range(1, len(rows)) if _is_another_header(rows, at, names, below, place)), None
-    )
-    if other is not None:
-        left_out = (
-            f"rows {rows[other].number} to {rows[-1].number} are another table: import them on their own"
-        )
-        return rows[:other], (left_out,)
+    for at in range(1, len(rows)):
+        if _is_another_header(rows, at, names, below, place):
+            numbers = f"rows {rows[at].number} to {rows[-1].number}"
+            return rows[:at], (f"{numbers} are another table: import them on their own",)
     if not text.endswith(("\n", "\r")) and len(rows) > 2 and _is_cut([row.cells for row in rows]):
         return rows[:-1], (f"row {rows[-1].number} is cut off, and excluded",)
     return rows, ()
@@ -359,11 +336,8 @@ def _is_another_header(
 def _is_cut(rows: Sequence[Sequence[str]]) -> bool:
     """True if the last row has fewer cells than the others, or fewer decimals in the last."""
     *others, last = rows[-SAMPLE:]
-    decimals = {
-        len(re.split("[.,]", cell)[-1])
-        for row in others
-        if re.search("[.,]", cell := cell_of(row, len(last) - 1))
-    }
+    numbers = [re.split("[.,]", cell_of(row, len(last) - 1)) for row in others]
+    decimals = {len(parts[-1]) for parts in numbers if len(parts) > 1}
     own = len((re.split("[.,]", last[-1])[1:] or [""])[0])
     return len(last) < min(map(len, others)) or (len(decimals) == 1 and own < decimals.pop())
 
@@ -381,9 +355,8 @@ def _zone_fields(above: Sequence[Row], columns: Sequence[Column], rows: Sequence
         for place, cell in enumerate(row.cells):
             if is_label(cell):
                 values = [value for value in row.cells[place + 1 :] if value]
-                yield (
-                    ", ".join([cell, *values]) if ":" in cell or not values else f"{cell}: {' '.join(values)}"
-                )
+                is_whole = ":" in cell or not values
+                yield ", ".join([cell, *values]) if is_whole else f"{cell}: {' '.join(values)}"
                 if len(row.cells) == len(below.cells) > 2:
                     yield f"{cell}: {cell_of(below.cells, place)}"
     for place, column in enumerate(columns):
@@ -434,6 +407,11 @@ def number_text(cell: str) -> str:
     text = split_cell(cell)[0].replace("−", "-")
     text = text[0] + text[1:].lstrip() if text.startswith(("+", "-")) else text
     return re.sub(r"[^\d.+-]", "", text.replace(",", ".")) if _GROUPED.fullmatch(text) else text
+
+
+def number_at(cells: Sequence[str], place: int) -> str:
+    """The `number_text` of a row's cell."""
+    return number_text(cell_of(cells, place))
 
 
 def number_of(text: str) -> float:

@@ -12,15 +12,7 @@ from typing import Literal
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.formats.times import (
-    has_day,
-    is_clock,
-    is_date_alone,
-    is_dated,
-    is_number,
-    is_time,
-    is_unix,
-)
+from fieldkit.sessions.formats import times
 
 Kind = Literal["moment", "clock", "count"]
 Cells = Sequence[Sequence[str]]
@@ -56,11 +48,11 @@ def first_time(path: Path, rows: Cells, named: int | None, time_format: str | No
     """The column of the time, the first row that has one, and what it is; else the first and the second."""
     parts = None if named is not None else _row_of_parts(rows)
     kinds: tuple[tuple[Callable[[str], bool], Kind], ...] = (
-        (lambda cell: is_time(cell, time_format), "moment" if has_day(time_format) else "clock"),
-        (is_dated, "moment"),
-        (is_unix, "moment"),
-        (is_clock, "clock"),
-        (is_number, "count"),
+        (lambda cell: times.is_time(cell, time_format), "moment" if times.has_day(time_format) else "clock"),
+        (times.is_dated, "moment"),
+        (times.is_unix, "moment"),
+        (times.is_clock, "clock"),
+        (times.is_number, "count"),
     )
     for is_of_kind, kind in kinds:
         place = _place_where(rows[:SAMPLE], is_of_kind) if named is None else named
@@ -110,10 +102,9 @@ def _place_where(rows: Cells, is_of_kind: Callable[[str], bool]) -> int | None:
 
 def _counted(rows: Cells, first: int | None) -> int | None:
     """The first column below a name with a unit of time, else the first of the table if it has numbers."""
-    heads = next((row for row in rows[:SAMPLE] if not any(map(is_number, row))), [])
-    return next(
-        (place for place, cell in enumerate(heads) if _COUNTED.search(cell)), None if first else first
-    )
+    heads = next((row for row in rows[:SAMPLE] if not any(map(times.is_number, row))), [])
+    counted = (place for place, cell in enumerate(heads) if _COUNTED.search(cell))
+    return next(counted, None if first else first)
 
 
 def counted_ns(head: str) -> float:
@@ -127,11 +118,9 @@ def counted_ns(head: str) -> float:
 
 def _refuse_image(path: Path, rows: Cells) -> None:
     if any(row[0].startswith(("File:", "Frame ")) for row in rows[:SAMPLE]):
-        raise ConfigError(
-            "holds the temperatures of an image without its time, as FLIR's programs export them",
-            place=path,
-            fix="export the radiometric .jpg, .fff or .seq and import that",
-        )
+        problem = "holds the temperatures of an image without its time, as FLIR's programs export them"
+        fix = "export the radiometric .jpg, .fff or .seq and import that"
+        raise ConfigError(problem, place=path, fix=fix)
 
 
 # --- times in several columns
@@ -157,11 +146,8 @@ def _row_of_parts(rows: Cells) -> tuple[int, int] | None:
     for number, row in enumerate(rows[:SAMPLE]):
         parts = parts_of(row)
         if "Y" in parts and ("j" in parts or {"m", "d"} <= parts.keys()):
-            years = (
-                below
-                for below in range(number + 1, len(rows))
-                if cell_of(rows[below], parts["Y"])[:4].isdigit()
-            )
+            cells = [cell_of(row, parts["Y"])[:4] for row in rows[number + 1 :]]
+            years = (below for below, cell in enumerate(cells, start=number + 1) if cell.isdigit())
             return next(((parts["Y"], below) for below in years), None)
     return None
 
@@ -172,8 +158,9 @@ def time_places(path: Path, labels: Sequence[str], rows: Cells, first: int) -> t
     is_split = parts.get("Y") == first
     places = tuple(parts[part] for part in "YjmdTHMS" if part in parts) if is_split else (first,)
     dates = [" ".join(cell_of(row, place) for place in places) for row in rows]
-    is_day = not {"T", "H"} & parts.keys() if is_split else 2 * sum(map(is_date_alone, dates)) > len(dates)
-    if is_day and not all(map(is_number, dates)):
+    without_time = 2 * sum(map(times.is_date_alone, dates)) > len(dates)
+    is_day = not {"T", "H"} & parts.keys() if is_split else without_time
+    if is_day and not all(map(times.is_number, dates)):
         places += _time_of_day(path, labels, rows, places, dates)
     after = places[-1] + 1
     digits = _FRACTION_DIGITS.get(labels[after].lower(), 0) if after < len(labels) else 0
@@ -188,11 +175,10 @@ def _time_of_day(
     """The columns with the times of day beside those of dates; none where each date stands once."""
     first = of_date[-1]
     is_repeated = len(set(dates)) < len(dates)
-    near = sorted(
-        set(range(len(labels))) - set(of_date), key=lambda place: (abs(place - first), place < first)
-    )
+    others = set(range(len(labels))) - set(of_date)
+    near = sorted(others, key=lambda place: (abs(place - first), place < first))
     for place in near if is_repeated else [place for place in near if abs(place - first) == 1]:
-        if 2 * sum(is_clock(cell_of(row, place)) for row in rows) > len(rows):
+        if 2 * sum(times.is_clock(cell_of(row, place)) for row in rows) > len(rows):
             return (place,)
     parts = {part: place for part, place in parts_of(labels).items() if part in "HMS"}
     named = [parts["H"]] if "H" in parts else [place for place in near if _TIME_OF_DAY.search(labels[place])]
@@ -212,22 +198,21 @@ def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) 
     """The cells of a time as one text, ISO 8601 where they are its parts and no format is given for them."""
     if digits := _FRACTION_DIGITS.get(labels[-1].lower(), 0) if len(labels) > 1 else 0:
         return f"{time_text(labels[:-1], cells[:-1], has_format=has_format)}.{cells[-1]:0>{digits}}"
-    parts = {part: re.sub(r"\.0*$", "", cells[place]) for part, place in parts_of(labels).items()}
+    places = parts_of(labels)
+    parts = {part: re.sub(r"\.0*$", "", cells[place]) for part, place in places.items()}
     is_split = "Y" in parts
     if has_format or len(cells) < 2 or not (is_split or "H" in parts or _DIGITS.fullmatch(cells[1])):
         return " ".join(cells)
-    others = [
-        cell for place, cell in enumerate(cells[not is_split :]) if place not in parts_of(labels).values()
-    ]
+    others = [cell for place, cell in enumerate(cells[not is_split :]) if place not in places.values()]
     unpadded = parts.get("T") or re.sub(r"\.0$", "", others[0] if others else "")
     hour = parts.get("H") or unpadded.zfill(3)
     if len(hour) > 2 and hour.isdigit():  # 100 is one o'clock
         hour = f"{hour[:-2]:0>2}:{hour[-2:]}"
     clock = hour if ":" in hour else f"{hour:0>2}:{parts.get('M', '0'):0>2}"
-    second, point, fraction = parts.get("S", "0").partition(".")
-    return f"{_day(parts) if is_split else cells[0]} {clock}" + (
-        f":{second:0>2}{point}{fraction}" if "S" in parts else ""
-    )
+    if "S" in parts:
+        second, point, fraction = parts["S"].partition(".")
+        clock += f":{second:0>2}{point}{fraction}"
+    return f"{_day(parts) if is_split else cells[0]} {clock}"
 
 
 def _day(parts: dict[str, str]) -> str:
