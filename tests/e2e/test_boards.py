@@ -1,7 +1,7 @@
 """Six boards and meters from the box to a slope: few commands, few answers, no editor, no driver's name.
 
 They stand under the sky of the packaged day and send what their makers' examples print, on pseudo-terminals
-and a socket. The clock of the recording runs twenty times as fast, so that seven minutes last twenty seconds.
+and a socket. The clock of the recording runs ten times as fast, so that seven minutes last forty seconds.
 """
 
 import io
@@ -25,7 +25,7 @@ from tests.harness.connected import plugged_in
 from tests.harness.network import NetworkAdapter
 from tests.unit.drivers.conftest import Wire
 
-SPEED = 20
+SPEED = 10
 EVERY_S = 0.1
 SCENE = sand_slopes(start_ns=ALAMOSA_NOON_NS)
 BEGIN_NS = time.monotonic_ns()
@@ -176,4 +176,4 @@ def test_six_boards_from_the_box_to_a_slope(boards, tmp_path, monkeypatch, capsy
     for tilt_deg, slope in zip(truth, sorted(slopes, key=lambda slope: slope["tilt_deg"]), strict=True):
         low, high = slope["tilt_region_deg"]
         assert low <= tilt_deg <= high
-        assert slope["tilt_deg"] == pytest.approx(tilt_deg, rel=0.2)
+        assert slope["tilt_deg"] == pytest.approx(tilt_deg, rel=0.3)
