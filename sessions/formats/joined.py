@@ -49,7 +49,7 @@ def is_session(path: Path) -> bool:
     """True for a session of any version; other files of HDF5, such as netCDF, do not say that they are."""
     if not (path.is_file() and h5py.is_hdf5(path)):
         return False
-    with suppress(OSError, RuntimeError), h5py.File(path, "r") as file:
+    with suppress(OSError, RuntimeError, KeyError, ValueError), h5py.File(path, "r") as file:
         return attribute(file, "fieldkit_format") == FORMAT_NAME
     return path.suffix == ".h5"  # damaged: opening it tells how
 

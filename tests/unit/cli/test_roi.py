@@ -178,7 +178,7 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     ("arguments", "code", "said"),
     [
         (("b15",), 2, "give what to change"),
-        (("b16", "--shrink", "2"), 3, "are b15, flat"),
+        (("b16", "--shrink", "2"), 3, "b15"),
         (("b15", "--shrink", "16"), 3, "b15: "),
         (("flat", "--tilt", "15"), 3, "azimuth_deg"),
     ],
