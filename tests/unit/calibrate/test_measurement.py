@@ -210,7 +210,8 @@ def test_bands_as_they_are_typed(tmp_path):
 def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(given):
     with pytest.raises(ConfigError) as refused:
         MeasurementOptions(**given)
-    assert refused.value.place and refused.value.fix
+    assert refused.value.place
+    assert refused.value.fix
 
 
 @pytest.mark.parametrize("reflected", ["nan", math.inf, "-400", -273.15])
