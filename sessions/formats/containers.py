@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from fieldkit.model.errors import ConfigError, FieldkitError, message_of
@@ -174,6 +175,9 @@ def _netcdf(path: Path, sheet: str) -> _Read:
 
     content = path.read_bytes()  # a mapped file cannot be closed while a damaged one is referred to
     engine = "scipy" if content.startswith(b"CDF") else "h5netcdf"
+    if engine == "h5netcdf":
+        with h5py.File(io.BytesIO(content), "r") as file:
+            file.attrs.get("_nc3_strict")  # where not even this can be read, closing would fail as well
     with xr.open_dataset(io.BytesIO(content), engine=engine, decode_timedelta=False) as data:
         times = [name for name, of in data.variables.items() if of.ndim == 1 and of.dtype.kind == "M"]
         if not times:
