@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray
@@ -178,6 +177,8 @@ def _check_size(
 
 def _has_inside(mask: BoolArray, rim: int) -> bool:
     """Whether `INNER_PX` rows and columns of pixels lie so many pixels inside the rim."""
+    import cv2  # takes longer to import than every light command takes
+
     around = np.ones((INNER_PX + 2 * rim,) * 2, np.uint8)
     whole = np.pad(mask, 1).astype(np.uint8)
     return bool(cv2.erode(whole, around, borderType=cv2.BORDER_CONSTANT, borderValue=0).any())
