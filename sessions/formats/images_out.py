@@ -37,7 +37,6 @@ _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder"
 _TABLES = Action.EXPORT(to="csv") + " for what it has"
 _FRAMES_PER_S = 25.0
-ALWAYS = (-math.inf, math.inf)
 log: logging.Logger = logging.getLogger(__name__)
 
 
@@ -66,16 +65,15 @@ def export_tiffs(
     """
     info = camera_of(session, stream)
     unseen: Chosen = {**chosen, "on_frame": lambda: None}  # of two passes the second is counted
-    step, paths, rows = _kelvin_per_count(session, info, **unseen), [], []
+    step, times = _kelvin_per_count(session, info, **unseen), dict[Path, str]()
     for frame in _frames(session, info.name, **chosen):
-        path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
+        path = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff"
+        times[path] = iso_utc(frame.time_ns)
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
         counts = _tiff_counts(frame, info, step)
         with replacing(path, synced=False) as draft:
-            write_tiff(draft, counts, TiffTags(time, step, flags=flags), f"fieldkit {__version__}")
-        paths.append(path)
-        rows.append((path.name, time))
-    return [*paths, _write_times(folder / "times.csv", rows)]
+            write_tiff(draft, counts, TiffTags(times[path], step, flags=flags), f"fieldkit {__version__}")
+    return [*times, _write_times(folder / "times.csv", times)]
 
 
 def _kelvin_per_count(session: SessionReader, info: StreamInfo, **chosen: Unpack[Chosen]) -> float:
@@ -109,14 +107,13 @@ def export_frame_tables(
 
     The times stand in ``times.csv``. Raises `OSError`, and `SessionError` where the camera is not known.
     """
-    info, paths, rows = camera_of(session, stream), [], []
+    info, times = camera_of(session, stream), dict[Path, str]()
     for frame in _frames(session, info.name, **chosen):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.csv"
+        times[path] = iso_utc(frame.time_ns)
         with replacing(path, synced=False) as draft:
             np.savetxt(draft, _values(frame, info), "%.2f" if has_temperatures(info) else "%d", ",")
-        paths.append(path)
-        rows.append((path.name, iso_utc(frame.time_ns)))
-    return [*paths, _write_times(folder / "times.csv", rows)]
+    return [*times, _write_times(folder / "times.csv", times)]
 
 
 def export_pngs(
@@ -194,13 +191,13 @@ def _stem(session: SessionReader, info: StreamInfo) -> str:
     return f"{session.path.stem}-{info.name}" if several else session.path.stem
 
 
-def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
+def _write_times(table: Path, added: Mapping[Path, str]) -> Path:
     """The times of these frames, beside those that other exports wrote into the same folder."""
     times: dict[str, str] = {}
     if table.exists():
         with table.open(newline="", encoding="utf-8") as file:
             times = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
-    times = {"file": "time", **times, **dict(rows)}
+    times = {"file": "time", **times, **{path.name: time for path, time in added.items()}}
     with replacing(table, synced=False) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(times.items())
     return table
@@ -211,7 +208,7 @@ def _frames(
     camera: str,
     *,
     every: int = 1,
-    between_ns: tuple[float, float] = ALWAYS,
+    between_ns: tuple[float, float] = (-math.inf, math.inf),
     on_frame: Callable[[], None] = lambda: None,
 ) -> Iterator[Frame]:
     """The frames to be written; damaged ones are not among them, as an image shows no flags."""
@@ -237,17 +234,15 @@ def _images(
     require_palette(palette)
     colours = bgr(palette)
     low, high = _range(session, info)
-    unit = " C" if has_temperatures(info) else ""
-    words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
+    words = [f"{end:.1f} C" if has_temperatures(info) else f"{end:.0f}" for end in (low, high)]
     slopes = deque(session.estimates())
-    regions = session.regions
-    names = {region.name: region.name for region in regions}
+    names = {region.name: region.name for region in session.regions}
     for frame in _frames(session, info.name, **chosen):
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)
         grey = np.clip(np.nan_to_num((_values(frame, info) - low) / (high - low)) * 255, 0, 255)
-        image = _draw(colours, grey.astype(np.uint8), regions, names)
+        image = _draw(colours, grey.astype(np.uint8), session.regions, names)
         bar = _bar(image.shape[1], words, f"{iso_utc(frame.time_ns)[:19]}Z", colours)
         yield frame, np.vstack([image, bar])
 

@@ -11,7 +11,6 @@ import heapq
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -27,6 +26,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_geometry import Heights
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.sessions.analysis import channel_names
+from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.reader import SessionReader
 
 if TYPE_CHECKING:
@@ -113,8 +113,7 @@ def _topics(streams: Mapping[str, StreamInfo]) -> dict[str, list[str]]:
     for info in streams.values():
         for channel in ("image_raw",) if info.is_camera else channel_names(info):
             topic = f"/{_name(info.name)}/{_name(channel)}"
-            numbered = (f"{topic.rstrip('_')}_{number}" for number in count(2))
-            free = topic if topic not in names else next(name for name in numbered if name not in names)
+            free = free_name(topic, names, topic.rstrip("_") + "_{1}")
             names.add(free)
             topics.setdefault(info.name, []).append(free)
     return topics

@@ -60,11 +60,7 @@ _GREY_16 = (16, 0)
 
 _SCALE = Argument("kelvin_per_count", 0.01) + " (the maker's number); NaN (none) for frames only"
 
-_SAY_SCALE = {
-    "TIFF": _SCALE,
-    "PNG": _SCALE,
-    "IRG": Argument("kelvin_per_count", 0.0625) + " (InfiRay C200) or 0.1; NaN (none) for frames only",
-}
+_IRG_SCALE = Argument("kelvin_per_count", 0.0625) + " (InfiRay C200) or 0.1; NaN (none) for frames only"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +100,7 @@ class _Still:
     def counts(self) -> CountArray:
         """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
         if self.path.suffix.lower() == ".irg":
-            return read_irg(self.path).counts
+            return _read_irg(self.path)[0]
         page, pixels = self.page, self.table
         if pixels is None:
             pixels = page.read(self.path) if page else native_code.decode_image(self.path.read_bytes())
@@ -195,10 +191,9 @@ def _kind(paths: Sequence[Path]) -> str:
 
 
 def _irg_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
-    frames = [read_irg(path) for path in paths]
-    own = [None if math.isnan(frame.kelvin_per_count) else Scale(frame.kelvin_per_count) for frame in frames]
-    stills = [_Still(path, str(path), scale) for path, scale in zip(paths, own, strict=True)]
-    set_to = f"the camera's emissivity was {frames[0].emissivity:g}"
+    _, scales, emissivities = zip(*map(_read_irg, paths), strict=True)
+    stills = [_Still(path, str(path), scale) for path, scale in zip(paths, scales, strict=True)]
+    set_to = f"the camera's emissivity was {emissivities[0]:g}"
     return stills, [(Severity.WARNING, f"{set_to}; whether the counts allow for it is not known")]
 
 
@@ -328,22 +323,17 @@ def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> S
     agreed = given or stills[0].scale
     if agreed is None:
         problem = f"what one count of these {kind} frames means is not known"
-        raise ConfigError(problem, place=stills[0].path, fix=_SAY_SCALE[kind])
+        raise ConfigError(problem, place=stills[0].path, fix=_IRG_SCALE if kind == "IRG" else _SCALE)
     for still in stated.values():
-        _refuse_another_scale(still, agreed)
+        own = still.scale  # which holds, also against temperatures declared unknown
+        if own is not None and not math.isnan(own.kelvin_per_count) and agreed != own:
+            raise ConfigError(
+                f"states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K at zero, "
+                f"the options {agreed.kelvin_per_count:g} and {agreed.kelvin_at_zero:g}",
+                place=still.label,
+                fix="omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero"),
+            )
     return agreed
-
-
-def _refuse_another_scale(still: _Still, given: Scale) -> None:
-    """The scale that a frame states holds, also against temperatures declared unknown."""
-    own = still.scale
-    if own is not None and not math.isnan(own.kelvin_per_count) and given != own:
-        raise ConfigError(
-            f"states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K at zero, "
-            f"the options {given.kelvin_per_count:g} and {given.kelvin_at_zero:g}",
-            place=still.label,
-            fix="omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero"),
-        )
 
 
 def _times_ns(
@@ -384,30 +374,24 @@ def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator
 # (jaseg/infiray_irg, jelle737/Vevor-Thermal-Utilities, povlhp/irgdump). On what a count means they agree for
 # headers that begin ``ba ab`` or ``b0 0b``: a tenth of a kelvin. Those that begin ``ca ac`` hold sixteenths
 # or tenths, by the model, which the file does not name.
-_KELVIN_PER_COUNT = {b"\xba\xab": 0.1, b"\xb0\x0b": 0.1, b"\xca\xac": float("nan")}
+_IRG_SCALES = {b"\xba\xab": Scale(0.1), b"\xb0\x0b": Scale(0.1), b"\xca\xac": None}
 _END_MARK = b"\xac\xca"
 _HEAD = struct.Struct("<2sHIHH")
 _EMISSIVITY_AT, _SHORTEST_HEADER = 0x1E, 0x22
 _MOST_IRG_PIXELS = 1 << 22
 
 
-@dataclass(frozen=True, slots=True)
-class IrgFrame:
-    """Counts (rows, cols), kelvin per count (NaN where the file lacks it), the camera's emissivity."""
+def _read_irg(path: Path) -> tuple[CountArray, Scale | None, float]:
+    """Counts (rows, cols), their scale (None where the file lacks it), the emissivity set in the camera.
 
-    counts: CountArray
-    kelvin_per_count: float
-    emissivity: float
-
-
-def read_irg(path: Path) -> IrgFrame:
-    """One frame; raises `ConfigError` where the file is none, or is cut short."""
+    Raises `ConfigError` where the file is no such frame, or is cut short.
+    """
     try:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
     except OSError as error:
         raise ConfigError(f"cannot read: {error.strerror}", place=path, fix="check the path") from error
-    if len(data) < _HEAD.size or data[:2] not in _KELVIN_PER_COUNT:
+    if len(data) < _HEAD.size or data[:2] not in _IRG_SCALES:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)
     if length < _SHORTEST_HEADER or data[length - 2 : length] != _END_MARK:
@@ -416,7 +400,7 @@ def read_irg(path: Path) -> IrgFrame:
         raise _refusal(path, f"{rows} x {cols} pixels are not in it")
     counts = np.frombuffer(data, "<u2", rows * cols, length + preview).reshape(rows, cols)
     (emissivity,) = struct.unpack_from("<I", data, _EMISSIVITY_AT)
-    return IrgFrame(counts.astype(np.uint16), _KELVIN_PER_COUNT[magic], emissivity / 1e4)
+    return counts.astype(np.uint16), _IRG_SCALES[magic], emissivity / 1e4
 
 
 def _refusal(path: Path, why: str) -> ConfigError:
