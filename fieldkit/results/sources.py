@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -25,7 +24,7 @@ from fieldkit.model.marks import numbers_named
 from fieldkit.model.next_step import Action, Text
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import Region
 from fieldkit.model.spelling import nearest
 from fieldkit.sessions.reader import SessionReader, open_session
 
@@ -154,7 +153,8 @@ def config_for(session: SessionReader, settings: Settings = (), *, present: bool
     campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's;
     only `settings` can replace it. Raises `ConfigError`.
     """
-    settings = (*_site_settings(session.site), *settings_from(settings))
+    site = {f"site.{key}": value for key, value in asdict(session.site).items()}
+    settings = [*settings_from(site), *settings_from(settings)]  # those given come last, and so hold
     if session.config_toml and not present:
         return config_from_text(session.config_toml, session.path, settings=settings)
     try:
@@ -177,11 +177,6 @@ def configured_otherwise(session: SessionReader, other: SessionReader) -> list[s
     own, their = (tomllib.loads(opened.config_toml) for opened in (session, other))
     keys = ((name, key) for name in TABLES for key in their.get(name, {}))
     return [f"{name}.{key}" for name, key in keys if own.get(name, {}).get(key) != their[name][key]]
-
-
-def _site_settings(site: Site) -> tuple[str, ...]:
-    """A site as settings: they override the campaign's file, and are overridden by settings after them."""
-    return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
 
 
 def settings_from(values: Settings) -> list[str]:

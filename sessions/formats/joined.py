@@ -120,15 +120,14 @@ class _Part:
     regions: Mapping[str, str]
     first_camera: str
 
-    def placed(self, regions: Iterable[Region]) -> list[Region]:
+    def placed(self, regions: Iterable[Region]) -> Iterator[Region]:
         """Regions in the cameras of this session; none of those whose camera recorded nothing."""
         own = tuple(self.reader.streams.values())
-        cameras = ((region, find_camera(own, region.camera)) for region in regions)
-        names = ((region, self.streams[camera.name]) for region, camera in cameras if camera is not None)
-        return [
-            replace(region, name=self.regions[region.name], camera="" if name == self.first_camera else name)
-            for region, name in names
-        ]
+        for region in regions:
+            if camera := find_camera(own, region.camera):
+                name = self.streams[camera.name]
+                placed = "" if name == self.first_camera else name
+                yield replace(region, name=self.regions[region.name], camera=placed)
 
 
 def join(

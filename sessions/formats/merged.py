@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.model.arrays import FloatArray
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
-from fieldkit.model.limits import Bounds, bounds_of
+from fieldkit.model.limits import bounds_of
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.analysis import region_series
@@ -152,8 +152,10 @@ def _best_alignment(
     start_ns = session.start_ns
     alignments, why = [], ""
     for info in streams:
-        own = (reading for reading in readings if reading.stream == info.name)
-        log = _time_series(_points(own, bounds_of(info)), start_ns)
+        own = [reading for reading in readings if reading.stream == info.name]
+        values = np.array([reading.values for reading in own], np.float64).reshape(-1, *info.shape)
+        usable = bounds_of(info).usable(values, np.array([reading.quality for reading in own], np.int64))
+        log = _time_series([reading.time_ns for reading in own], usable, start_ns)
         for name, series in _all_series(session, info.quantity, start_ns):
             try:
                 alignments.append(replace(best_offset(log, series), source=f"found on {name}"))
@@ -170,14 +172,6 @@ def _best_alignment(
     return min(alignments, key=lambda alignment: alignment.uncertainty_s)
 
 
-def _points(readings: Iterable[Reading], bounds: Bounds) -> Iterator[tuple[int, float]]:
-    """Time and mean over the channels of the readings that have one."""
-    for reading in readings:
-        values = bounds.usable(np.array(reading.values), np.array(int(reading.quality)))
-        if np.isfinite(values).any():
-            yield reading.time_ns, float(np.nanmean(values))
-
-
 def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, TimeSeries]]:
     """The session's time series of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
@@ -186,27 +180,26 @@ def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterato
         if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
             series = region_series(session, stream=name)
             good = is_usable(series.flags)
-            for region, kelvin in zip(series.regions, series.mean_k[good].T, strict=True):
+            for number, region in enumerate(series.regions):
+                kelvin = series.mean_k[good, number, np.newaxis]
                 if kelvin.size and np.isfinite(kelvin).all():
-                    points = zip(series.time_ns[good].tolist(), kelvin.tolist(), strict=True)
-                    yield f"region {region} of {name}", _time_series(points, start_ns)
+                    yield f"region {region} of {name}", _time_series(series.time_ns[good], kelvin, start_ns)
 
 
 def stream_series(session: SessionReader, name: str, start_ns: int) -> TimeSeries:
     """The usable means over the channels of a meter, in seconds since a moment."""
     readings = session.readings(name)
-    has_value = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
-    means = np.nanmean(readings.values[has_value], axis=1)
-    return _time_series(zip(readings.time_ns[has_value].tolist(), means.tolist(), strict=True), start_ns)
+    good = is_usable(readings.flags)
+    return _time_series(readings.time_ns[good], readings.values[good], start_ns)
 
 
-def _time_series(points: Iterable[tuple[int, float]], start_ns: int) -> TimeSeries:
-    """Points in order of time, the first of each moment."""
-    ordered = sorted(points)
-    times = np.array([(time_ns - start_ns) / 1e9 for time_ns, _ in ordered])
-    values = np.array([value for _, value in ordered], np.float64)
-    times, first = np.unique(times, return_index=True)
-    return TimeSeries(times, values[first])
+def _time_series(time_ns: Sequence[int] | IntArray, values: FloatArray, start_ns: int) -> TimeSeries:
+    """Means over the channels where there are any, in order of time, the least of each moment."""
+    has_value = np.isfinite(values).any(axis=1)
+    means, stamps_ns = np.nanmean(values[has_value], axis=1), np.array(time_ns, np.int64)[has_value]
+    order = np.lexsort((means, stamps_ns))
+    times, first = np.unique((stamps_ns[order] - start_ns) / 1e9, return_index=True)
+    return TimeSeries(times, means[order][first])
 
 
 # --- the offset between two clocks that recorded the same time series

@@ -78,9 +78,23 @@ def _frames(path: Path, name: str, offset_ns: int) -> Iterator[Frame]:
     """The frames; raises `EOFError`, `OSError` or `zlib.error` where the file ends within one."""
     with gzip.open(path) as file:
         shape, _ = _header(path, file)
-        while (frame := _frame(file, name, shape, offset_ns)) is not None:
+        size = 2 * shape[0] * shape[1]
+        rows = np.empty((0, 0), "<u2")
+        while record := file.read(_RECORD.size):
+            data = file.read(size)
+            if len(record) < _RECORD.size or len(data) < size:
+                raise EOFError
+            number, seconds, milliseconds = _RECORD.unpack(record)
+            if not 0.0 <= seconds < _LATEST_S or number > _MAX_NUMBER:
+                raise ConfigError(
+                    f"was taken at {seconds:g} s after 1970: the file is damaged",
+                    place=f"frame {number}",
+                    fix="copy it from the recorder again",
+                )
+            time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)
+            counts = np.frombuffer(data, "<u2").reshape(shape)
             refuse_bomb(path, file.tell())
-            yield frame
+            yield Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)
 
 
 def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
@@ -101,25 +115,3 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
             place=path,
             fix="imports are .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
         ) from error
-
-
-def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int], offset_ns: int) -> Frame | None:
-    """The next frame, or None at the end; raises `EOFError` where it is cut off."""
-    record = file.read(_RECORD.size)
-    if not record:
-        return None
-    size = 2 * shape[0] * shape[1]
-    data = file.read(size)
-    if len(record) < _RECORD.size or len(data) < size:
-        raise EOFError
-    number, seconds, milliseconds = _RECORD.unpack(record)
-    if not 0.0 <= seconds < _LATEST_S or number > _MAX_NUMBER:
-        raise ConfigError(
-            f"was taken at {seconds:g} s after 1970: the file is damaged",
-            place=f"frame {number}",
-            fix="copy it from the recorder again",
-        )
-    time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)
-    counts = np.frombuffer(data, "<u2").reshape(shape)
-    rows = np.empty((0, 0), "<u2")
-    return Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)
