@@ -92,30 +92,22 @@ class _Program(NamedTuple):
     """
 
     name: str
-    start: re.Pattern[bytes]
+    start: bytes
     reader: str
     middle: float
     pressure_pa: float = 100.0
 
 
-_BSRN = _Program("BSRN", re.compile(rb"\*[UC]0001"), "read_bsrn", 0.5)
+_BSRN = _Program("BSRN", rb"\*[UC]0001", "read_bsrn", 0.5)
 _PROGRAMS = (
     _BSRN,
-    _Program("EnergyPlus", re.compile(rb"LOCATION,"), "read_epw", 0.5, 1.0),
-    _Program("TMY3", re.compile(rb"[^\n]*,[^\n]*\n\W*Date \(MM/DD/YYYY\),Time \(HH:MM\)"), "read_tmy3", -0.5),
-    _Program("NSRDB", re.compile(rb"Source,Location ID,"), "read_nsrdb_psm4", 0.0),
-    _Program(
-        "PVGIS",
-        re.compile(rb"Latitude [^\n]*\n(?s:.*)\n\W*time\(UTC\),"),
-        "read_pvgis_tmy",
-        0.0,
-        1.0,
-    ),
-    _Program("PVGIS", re.compile(rb"Latitude [^\n]*\n(?s:.*)\n\W*time,"), "read_pvgis_hourly", 0.0, 1.0),
-    _Program("CAMS", re.compile(rb"#(?s:.*)\n# Observation period;"), "read_cams", 0.5),
-    _Program(
-        "SOLRAD", re.compile(rb"[^\n]*\n\s*-?\d+\.\d+\s+-?\d+\.\d+\s+\d+\s+-?\d+\s"), "read_solrad", -0.5
-    ),
+    _Program("EnergyPlus", rb"LOCATION,", "read_epw", 0.5, 1.0),
+    _Program("TMY3", rb"[^\n]*,[^\n]*\n\W*Date \(MM/DD/YYYY\),Time \(HH:MM\)", "read_tmy3", -0.5),
+    _Program("NSRDB", rb"Source,Location ID,", "read_nsrdb_psm4", 0.0),
+    _Program("PVGIS", rb"Latitude [^\n]*\n(?s:.*)\n\W*time\(UTC\),", "read_pvgis_tmy", 0.0, 1.0),
+    _Program("PVGIS", rb"Latitude [^\n]*\n(?s:.*)\n\W*time,", "read_pvgis_hourly", 0.0, 1.0),
+    _Program("CAMS", rb"#(?s:.*)\n# Observation period;", "read_cams", 0.5),
+    _Program("SOLRAD", rb"[^\n]*\n\s*-?\d+\.\d+\s+-?\d+\.\d+\s+\d+\s+-?\d+\s", "read_solrad", -0.5),
 )
 
 
@@ -218,7 +210,7 @@ def is_station_file(path: Path) -> bool:
 
 
 def _program_of(content: bytes) -> _Program | None:
-    return next((program for program in _PROGRAMS if program.start.match(content)), None)
+    return next((program for program in _PROGRAMS if re.match(program.start, content)), None)
 
 
 def read_station_file(path: Path) -> Weather:

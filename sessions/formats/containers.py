@@ -197,7 +197,7 @@ def _netcdf(path: Path, sheet: str) -> _Read:
 
 def _column(cells: Cells) -> list[str]:
     """Cells of a column as text: dates without a time of day where all of them are at midnight."""
-    stamps = [cell for cell in cells if isinstance(cell, datetime)]
+    stamps = [cell for cell in cells if isinstance(cell, datetime) and cell == cell]  # NaT is one, of no time
     are_days = all(stamp.time() == time() for stamp in stamps)
     return [_text(cell, are_days=are_days) for cell in cells]
 
@@ -205,10 +205,8 @@ def _column(cells: Cells) -> list[str]:
 def _text(cell: Any, *, are_days: bool) -> str:
     if cell is None or cell != cell:  # NaN, and pandas' NaT
         return ""
-    if isinstance(cell, datetime) and not are_days:
-        return cell.isoformat(" ")
     if isinstance(cell, datetime):
-        return cell.date().isoformat()
+        return str(cell.date()) if are_days else cell.isoformat(" ")
     if isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15:
         return str(int(cell))
     return re.sub(_DECIMAL_COMMA, r"\1.\2", str(cell))

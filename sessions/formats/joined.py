@@ -24,6 +24,7 @@ from fieldkit.model.samples import Event, EventKind, Sample, Severity, is_damage
 from fieldkit.model.site import Region, apart_m
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, free_name
 from fieldkit.sessions.formats.merged import (
+    GIVE_OFFSET,
     Alignment,
     TimeSeries,
     best_offset,
@@ -190,7 +191,7 @@ def _their_entries(part: _Part, session: SessionReader, clock: Alignment) -> Ite
 
 def clock_difference(session: SessionReader, other: SessionReader) -> Alignment:
     """The offset of the clock of `other`, by what both saw; raises `NoAnswerError` where that gives none."""
-    fix = "give it, such as " + Argument("offset_s", 12) + ', or mark "sync" on both at one moment'
+    fix = GIVE_OFFSET + ', or mark "sync" on both at one moment'
     alignments = [*_by_readings(session, other), *_by_marks(session, other)]
     if not alignments:
         what = f"nothing that {session.path.name} saw as well gives the offset of its clock"

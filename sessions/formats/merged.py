@@ -125,6 +125,7 @@ def _move(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
 # --- a log whose clock was off, moved onto the time series that a session has of the same quantity
 
 _ZONE_S = 1500.0
+GIVE_OFFSET = "give it, such as " + Argument("offset_s", 12)
 
 
 def align(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
@@ -167,7 +168,7 @@ def _best_alignment(
         raise NoAnswerError(
             f"does not determine the log's offset: {reason}",
             place=session.path,
-            fix="give it, such as " + Argument("offset_s", 12),
+            fix=GIVE_OFFSET,
         )
     return min(alignments, key=lambda alignment: alignment.uncertainty_s)
 
@@ -261,10 +262,8 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     """
     span = float(np.ptp(reference.time_s)) if reference.time_s.size else 0.0
     if min(log.time_s.size, reference.time_s.size) < _LEAST_POINTS:
-        raise NoAnswerError(
-            f"an offset needs {_LEAST_POINTS} points of both time series at least",
-            fix="give it, such as " + Argument("offset_s", 12),
-        )
+        problem = f"an offset needs {_LEAST_POINTS} points of both time series at least"
+        raise NoAnswerError(problem, fix=GIVE_OFFSET)
     finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
     first, last = _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse
