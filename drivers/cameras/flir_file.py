@@ -159,17 +159,16 @@ def _entries(data: bytes | mmap, start: int) -> tuple[int, list[tuple[int, int, 
     """End of the directory, and (type, offset, length) of every record, from the start of the FFF."""
     order, directory, count = _header(data, start)
     entries = []
-    for number in range(count):
-        place = start + directory + number * ENTRY
+    directory_end = directory + count * ENTRY
+    for place in range(start + directory, start + directory_end, ENTRY):
         if place + ENTRY > len(data):
             raise DecodeError("the FFF ends inside its directory", data[start : start + HEADER])
-        (kind,) = struct.unpack_from(f"{order}H", data, place)
-        offset, length = struct.unpack_from(f"{order}II", data, place + 0x0C)
+        kind, offset, length = struct.unpack_from(f"{order}H10xII", data, place)
         if kind and start + offset + length > len(data):
             raise DecodeError("the FFF is cut short", data[start : start + HEADER])
         if kind:
             entries.append((kind, offset, length))
-    return directory + count * ENTRY, entries
+    return directory_end, entries
 
 
 def _order(record: bytes) -> str:

@@ -116,11 +116,10 @@ def source_of(
         if session.state == "recording":
             raise SessionError("being recorded", place=path, fix="wait until it ends, or " + Action.STOP())
         config = config_for(session, present=present)
-        schedule = (
-            regions_for(session, config, present=present)
-            if regions is None
-            else schedule_of(session, regions)
-        )
+        if regions is None:
+            schedule = regions_for(session, config, present=present)
+        else:
+            schedule = schedule_of(session, regions)
         # a session may consist of its journal alone: then there is no file to digest
         checksum = sha256(path) if path.exists() else ""
         marks = session.marks()
