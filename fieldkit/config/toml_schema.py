@@ -53,6 +53,11 @@ NAN = math.nan
 TABLE_1 = "(paper, Table 1)"
 
 
+def _key(default: Any, description: str, **limits: Any) -> Any:
+    """A key with a default."""
+    return Field(default=default, description=description, **limits)
+
+
 def _unset(example: Any, description: str, **limits: Any) -> Any:
     """A key that has no default."""
     return Field(default=None, examples=[example], description=description, **limits)
@@ -69,14 +74,12 @@ class Table(BaseModel):
 class CampaignTable(Table):
     """Facts about the campaign that every session stores."""
 
-    title: str = Field(default="", description="subject of this campaign")
-    operator: str = Field(default="", description="name of the operator")
-    description: str = Field(default="", description="notes for later readers")
-    license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
-    references: str = Field(default="", description="papers or pages to cite")
-    exact_place: bool = Field(
-        default=False, description="whether an RO-Crate states the exact place; else to 0.1 degrees"
-    )
+    title: str = _key("", "subject of this campaign")
+    operator: str = _key("", "name of the operator")
+    description: str = _key("", "notes for later readers")
+    license: str = _key("", "licence of the data, such as CC-BY-4.0")
+    references: str = _key("", "papers or pages to cite")
+    exact_place: bool = _key(False, "whether an RO-Crate states the exact place; else to 0.1 degrees")
 
 
 class SiteTable(Table):
@@ -84,14 +87,13 @@ class SiteTable(Table):
 
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
-    elevation_m: Height = Field(default=0.0, description="metres above sea level, elsewhere above the datum")
-    body: Literal["earth", "mars", "moon"] = Field(
-        default="earth", description="the world; latitude and longitude are planetographic, east positive"
+    elevation_m: Height = _key(0.0, "metres above sea level, elsewhere above the datum")
+    body: Literal["earth", "mars", "moon"] = _key(
+        "earth", "the world; latitude and longitude are planetographic, east positive"
     )
-    timezone: str = Field(default="UTC", description="IANA name such as Asia/Tokyo; only for display")
-    horizon: list[HorizonPoint] = Field(
-        default=[],
-        description="pairs [azimuth, elevation] in degrees, or a CSV file of them, beside this file",
+    timezone: str = _key("UTC", "IANA name such as Asia/Tokyo; only for display")
+    horizon: list[HorizonPoint] = _key(
+        [], "pairs [azimuth, elevation] in degrees, or a CSV file of them, beside this file"
     )
 
 
@@ -103,15 +105,12 @@ class DeviceTable(Table):
         min_length=1,
         description="name of the driver, as `fieldkit devices` prints it",
     )
-    port: str = Field(
-        default="",
-        description="its port, such as /dev/ttyUSB0, its address, such as 10.0.0.5:4001, or simulated",
+    port: str = _key("", "its port, such as /dev/ttyUSB0, its address, such as 10.0.0.5:4001, or simulated")
+    identity: str = _key("", "`vendor:product[:serial][-interface]` or a USB path")
+    connect_timeout_s: float = _key(
+        30.0, "seconds after which opening the instrument is given up", gt=0, le=3600
     )
-    identity: str = Field(default="", description="`vendor:product[:serial][-interface]` or a USB path")
-    connect_timeout_s: float = Field(
-        default=30.0, gt=0, le=3600, description="seconds after which opening the instrument is given up"
-    )
-    options: dict[str, Any] = Field(default={}, description="options of this driver")
+    options: dict[str, Any] = _key({}, "options of this driver")
 
 
 class PoseTable(Table):
@@ -165,11 +164,11 @@ class CameraTable(DeviceTable):
 class MeterTable(DeviceTable):
     """A meter that is polled at an interval, or sends at its own."""
 
-    every_s: float = Field(
-        default=1.0,
+    every_s: float = _key(
+        1.0,
+        "seconds between two polls of the meter, or two records of one that sends by itself",
         ge=0.001,
         le=3600,
-        description="seconds between two polls of the meter, or two records of one that sends by itself",
     )
 
 
@@ -184,91 +183,63 @@ class LuxTable(MeterTable):
 class IrradianceTable(Table):
     """Measurement of direct sunlight: by a stream of dni, else ghi, else gti, else by the light meter."""
 
-    measures: dict[str, Component] = Field(
-        default={},
-        description='by stream in W/m2: what it measures, such as {sun = "ghi"}; gti: on the plane below',
+    measures: dict[str, Component] = _key(
+        {}, 'by stream in W/m2: what it measures, such as {sun = "ghi"}; gti: on the plane below'
     )
-    stream: str = Field(
-        default="", description="stream of the light meter; default: the first of dni, ghi, gti, lux"
+    stream: str = _key("", "stream of the light meter; default: the first of dni, ghi, gti, lux")
+    model: ConfiguredKind = _key("eq10", "lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction")
+    par_fraction: Fraction = _key(
+        0.44, "share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter"
     )
-    model: ConfiguredKind = Field(
-        default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
-    )
-    par_fraction: Fraction = Field(
-        default=0.44, description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter"
-    )
-    efficacy_lm_w: float = Field(
-        default=105.0, ge=10, le=683, description="lumen per watt of direct sunlight, for efficacy"
-    )
+    efficacy_lm_w: float = _key(105.0, "lumen per watt of direct sunlight, for efficacy", ge=10, le=683)
     factor: float | None = _unset(
         0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"', ge=1e-6, le=1e6
     )
-    factor_sd: float = Field(
-        default=0.0, ge=0, le=1e6, description="standard uncertainty of factor; a record brings its own"
+    factor_sd: float = _key(0.0, "standard uncertainty of factor; a record brings its own", ge=0, le=1e6)
+    mounting: Mounting = _key("horizontal", "how the light meter, or that of gti, is mounted")
+    plane_tilt_deg: Tilt = _key(0.0, "tilt of the meter, for in-plane")
+    plane_azimuth_deg: Degrees = _key(0.0, "azimuth of the meter from north, for in-plane")
+    diffuse: Diffuse = _key(
+        "fraction", "how diffuse light is subtracted from the reading; none: a baffled tube"
     )
-    mounting: Mounting = Field(
-        default="horizontal", description="how the light meter, or that of gti, is mounted"
-    )
-    plane_tilt_deg: Tilt = Field(default=0.0, description="tilt of the meter, for in-plane")
-    plane_azimuth_deg: Degrees = Field(
-        default=0.0, description="azimuth of the meter from north, for in-plane"
-    )
-    diffuse: Diffuse = Field(
-        default="fraction",
-        description="how diffuse light is subtracted from the reading; none: a baffled tube",
-    )
-    diffuse_fraction: float = Field(
-        default=0.15, ge=0, lt=1, description="diffuse share of the reading, for diffuse = fraction"
-    )
+    diffuse_fraction: float = _key(0.15, "diffuse share of the reading, for diffuse = fraction", ge=0, lt=1)
 
 
 class SurfaceTable(Table):
     """The surface of the regions."""
 
-    kind: Kind = Field(
-        default=SAND,
-        description="gives the defaults of exchange, albedo, slab and tilt that differ from those of sand",
+    kind: Kind = _key(
+        SAND, "gives the defaults of exchange, albedo, slab and tilt that differ from those of sand"
     )
-    albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
-    emissivity: Fraction = Field(
-        default=0.90, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
-    )
-    emissivity_sd: float = Field(
-        default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
+    albedo: float = _key(0.20, f"A of the balance {TABLE_1}", ge=0, lt=1)
+    emissivity: Fraction = _key(0.90, 'in the camera\'s band, 8-14 um; or "@name" of a calibration')
+    emissivity_sd: float = _key(
+        0.0, "standard uncertainty of emissivity; a record brings its own", ge=0, lt=1
     )
     emissivity_broadband: Fraction | None = _unset(
         0.90, "for the energy balance, all wavelengths; default: emissivity"
     )
-    reflected_temperature_c: float = Field(
-        default=-40.0,
-        ge=-120,
-        le=100,
-        description="reflected temperature: that of the sky in the camera's band",
+    reflected_temperature_c: float = _key(
+        -40.0, "reflected temperature: that of the sky in the camera's band", ge=-120, le=100
     )
 
 
 class AirTable(Table):
     """The air over the ground and its heat exchange."""
 
-    heat_capacity_j_kg_k: float = Field(default=1000.0, ge=500, le=2500, description=f"c_p {TABLE_1}")
-    density_kg_m3: float = Field(default=1.21, ge=0.001, le=2, description=f"rho {TABLE_1}")
-    exchange_m_s: float = Field(default=0.015, ge=0, le=1, description=f"C_H U {TABLE_1}; 0 without air")
+    heat_capacity_j_kg_k: float = _key(1000.0, f"c_p {TABLE_1}", ge=500, le=2500)
+    density_kg_m3: float = _key(1.21, f"rho {TABLE_1}", ge=0.001, le=2)
+    exchange_m_s: float = _key(0.015, f"C_H U {TABLE_1}; 0 without air", ge=0, le=1)
 
 
 class SlabTable(Table):
     """Heat storage of the sand, for full; the learned model starts from it."""
 
-    depth_m: float = Field(
-        default=0.03, ge=0.001, le=2, description='depth of the sand above the insulating sheet; or "@name"'
-    )
-    conductivity_w_m_k: float = Field(
-        default=0.25, ge=0.0005, le=10, description='0.2 to 0.35 for dry loose sand; or "@name"'
-    )
-    heat_capacity_j_m3_k: float = Field(
-        default=1.3e6, ge=1e5, le=5e6, description="density times specific heat"
-    )
-    conductivity_sd: Relative = Field(default=0.2, description="relative standard uncertainty")
-    capacity_sd: Relative = Field(default=0.1, description="relative standard uncertainty")
+    depth_m: float = _key(0.03, 'depth of the sand above the insulating sheet; or "@name"', ge=0.001, le=2)
+    conductivity_w_m_k: float = _key(0.25, '0.2 to 0.35 for dry loose sand; or "@name"', ge=0.0005, le=10)
+    heat_capacity_j_m3_k: float = _key(1.3e6, "density times specific heat", ge=1e5, le=5e6)
+    conductivity_sd: Relative = _key(0.2, "relative standard uncertainty")
+    capacity_sd: Relative = _key(0.1, "relative standard uncertainty")
 
 
 def _times_of_day(text: str) -> str:
@@ -279,19 +250,15 @@ def _times_of_day(text: str) -> str:
 class RecordTable(Table):
     """Choice of the frames that are kept; who may follow."""
 
-    sampling: Literal["all", "bursts"] = Field(
-        default="bursts", description="all frames, or a burst every every_s seconds"
-    )
-    every_s: float = Field(default=60.0, ge=0.1, le=86_400, description="seconds from burst to burst")
-    burst_frames: int = Field(default=3, ge=1, le=1000, description="frames in a burst")
-    shutter_before_burst: bool = Field(
-        default=True, description="run the shutter correction before each burst"
-    )
-    split: Annotated[str, AfterValidator(_times_of_day)] = Field(
-        default="",
-        examples=["1d"],
-        description="when a session ends and the next begins, at the site: every 1d or 6h from midnight on, "
+    sampling: Literal["all", "bursts"] = _key("bursts", "all frames, or a burst every every_s seconds")
+    every_s: float = _key(60.0, "seconds from burst to burst", ge=0.1, le=86_400)
+    burst_frames: int = _key(3, "frames in a burst", ge=1, le=1000)
+    shutter_before_burst: bool = _key(True, "run the shutter correction before each burst")
+    split: Annotated[str, AfterValidator(_times_of_day)] = _key(
+        "",
+        "when a session ends and the next begins, at the site: every 1d or 6h from midnight on, "
         "or at a time of day such as 09:00",
+        examples=["1d"],
     )
 
 
@@ -313,98 +280,69 @@ class LimitsTable(Table):
 class AlarmsTable(LimitsTable):
     """Conditions and outputs of alarms while recording; the limits are those of all regions."""
 
-    disk_reserve_mb: float = Field(
-        default=64.0, ge=1, le=10_000_000, description="frames are no longer stored when less is free"
+    disk_reserve_mb: float = _key(64.0, "frames are no longer stored when less is free", ge=1, le=10_000_000)
+    off: list[ConditionName] = _key([], "conditions that raise no alarm", examples=[["cloud", "shade"]])
+    hold_s: dict[ConditionName, HeldSeconds] = _key(
+        {}, "by condition, seconds it must last to raise its alarm, such as {lost = 30}"
     )
-    off: list[ConditionName] = Field(
-        default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
+    clear_s: dict[ConditionName, HeldSeconds] = _key(
+        {}, "by condition, seconds it must be over to clear its alarm"
     )
-    hold_s: dict[ConditionName, HeldSeconds] = Field(
-        default={},
-        description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
+    severity: dict[ConditionName, SeverityWord] = _key(
+        {}, 'by condition: info, warning or error, such as {cloud = "warning"}'
     )
-    clear_s: dict[ConditionName, HeldSeconds] = Field(
-        default={}, description="by condition, seconds it must be over to clear its alarm"
+    garbled_per_min: int = _key(
+        5, "invalid records of an instrument in a minute that are an alarm", ge=1, le=100_000
     )
-    severity: dict[ConditionName, SeverityWord] = Field(
-        default={}, description='by condition: info, warning or error, such as {cloud = "warning"}'
+    region: dict[Name, LimitsTable] = _key(
+        {}, "limits of single regions, in place of those above, by the region's name"
     )
-    garbled_per_min: int = Field(
-        default=5,
-        ge=1,
-        le=100_000,
-        description="invalid records of an instrument in a minute that are an alarm",
-    )
-    region: dict[Name, LimitsTable] = Field(
-        default={}, description="limits of single regions, in place of those above, by the region's name"
-    )
-    bell: bool = Field(default=True, description="ring the terminal's bell")
-    send: SeverityWord = Field(default="warning", description="least severity for bell, command and services")
-    command: list[str] = Field(
-        default=[],
+    bell: bool = _key(True, "ring the terminal's bell")
+    send: SeverityWord = _key("warning", "least severity for bell, command and services")
+    command: list[str] = _key(
+        [],
+        "program and arguments to run for every alarm; FIELDKIT_TEXT and others describe it",
         examples=[["/home/pi/alarm.sh"]],
-        description="program and arguments to run for every alarm; FIELDKIT_TEXT and others describe it",
     )
-    services_file: str = Field(
-        default="",
-        examples=["~/.config/fieldkit/services.txt"],
-        description="private file outside the campaign, an address such as mqtt://HOST/TOPIC on each line; "
+    services_file: str = _key(
+        "",
+        "private file outside the campaign, an address such as mqtt://HOST/TOPIC on each line; "
         "needs fieldkit-slope[alarms]",
+        examples=["~/.config/fieldkit/services.txt"],
     )
-    home_assistant: bool = Field(
-        default=False,
-        description="announce meters, regions and alarms to Home Assistant, through the broker of services",
+    home_assistant: bool = _key(
+        False, "announce meters, regions and alarms to Home Assistant, through the broker of services"
     )
 
 
 class SimulationTable(Table):
     """The simulated field, for devices whose port is simulated."""
 
-    weather: str = Field(
-        default="alamosa-2016-01-01",
-        min_length=1,
-        description="the packaged day, clear, or a file of SURFRAD or BSRN",
+    weather: str = _key(
+        "alamosa-2016-01-01", "the packaged day, clear, or a file of SURFRAD or BSRN", min_length=1
     )
     start: AwareDatetime | None = _unset("2016-01-01T12:00:00-07:00", "start time with its offset from UTC")
-    speed: Annotated[float, Field(ge=0.001, le=1_000_000)] | Literal["max"] = Field(
-        default=1.0, description="simulated seconds per second; max: as fast as possible"
+    speed: Annotated[float, Field(ge=0.001, le=1_000_000)] | Literal["max"] = _key(
+        1.0, "simulated seconds per second; max: as fast as possible"
     )
-    seed: int = Field(
-        default=1, ge=0, le=2**63 - 1, description="random seed; the same seed gives the same session"
+    seed: int = _key(1, "random seed; the same seed gives the same session", ge=0, le=2**63 - 1)
+    drawn: bool = _key(
+        False, "the seed also draws sand, heat exchange, gusts, sky and the light meter's error"
     )
-    drawn: bool = Field(
-        default=False,
-        description="the seed also draws sand, heat exchange, gusts, sky and the light meter's error",
+    faults: list[Fault] = _key([], f"faults to simulate: any of {', '.join(get_args(Fault))}")
+    sand_depth_m: float = _key(0.02, "depth of the sand above the insulating sheet", ge=0.001, le=1)
+    albedo: float = _key(0.20, "true albedo of the sand", ge=0, lt=1)
+    emissivity: Fraction = _key(0.90, "true emissivity of the sand")
+    drift_px: Point = _key(
+        [0.0, 0.0], "right and down: shift of the camera's frame by the end of the session"
     )
-    faults: list[Fault] = Field(
-        default=[],
-        description=f"faults to simulate: any of {', '.join(get_args(Fault))}",
+    pan_deg: float = _key(0.0, "turn of the camera to the left by the end of the session", ge=-30, le=30)
+    jitter_px: float = _key(0.0, "shake of the camera, at most, in x and in y", ge=0, le=20)
+    camera_offset_k: dict[Name, Annotated[float, Field(ge=-20, le=20)]] = _key(
+        {}, "by camera, how much too warm it shows everything, such as {second = 0.4}"
     )
-    sand_depth_m: float = Field(
-        default=0.02, ge=0.001, le=1, description="depth of the sand above the insulating sheet"
-    )
-    albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
-    emissivity: Fraction = Field(default=0.90, description="true emissivity of the sand")
-    drift_px: Point = Field(
-        default=[0.0, 0.0],
-        description="right and down: shift of the camera's frame by the end of the session",
-    )
-    pan_deg: float = Field(
-        default=0.0, ge=-30, le=30, description="turn of the camera to the left by the end of the session"
-    )
-    jitter_px: float = Field(
-        default=0.0, ge=0, le=20, description="shake of the camera, at most, in x and in y"
-    )
-    camera_offset_k: dict[Name, Annotated[float, Field(ge=-20, le=20)]] = Field(
-        default={}, description="by camera, how much too warm it shows everything, such as {second = 0.4}"
-    )
-    terrain: bool = Field(
-        default=False,
-        description="sand in the relief of camera.pose's dem instead of level ground",
-    )
-    foil: str = Field(
-        default="", description="region covered with crumpled aluminium foil, for an emissivity day"
-    )
+    terrain: bool = _key(False, "sand in the relief of camera.pose's dem instead of level ground")
+    foil: str = _key("", "region covered with crumpled aluminium foil, for an emissivity day")
 
 
 class RegionOutline(Table):
@@ -414,8 +352,8 @@ class RegionOutline(Table):
     """
 
     name: Name = Field(examples=["b15"], description="letters, digits, - and _")
-    kind: Literal["reference", "target"] = Field(
-        default="target", description="the reference is the region of known slope, usually flat"
+    kind: Literal["reference", "target"] = _key(
+        "target", "the reference is the region of known slope, usually flat"
     )
     points_px: list[Point] = Field(
         examples=[[[29, 29], [66, 28], [66, 53], [24, 56]]],
@@ -423,19 +361,17 @@ class RegionOutline(Table):
         max_length=64,
         description="corners [x, y]; x to the right, y down, the first pixel is [0, 0]",
     )
-    points_m: list[GroundPoint] = Field(
-        default=[],
+    points_m: list[GroundPoint] = _key(
+        [],
+        "instead, corners [east, north] or [east, north, height] on the ground of camera.pose",
         max_length=64,
-        description="instead, corners [east, north] or [east, north, height] on the ground of camera.pose",
     )
     tilt_deg: Tilt | None = _unset(15.0, "measured tilt from horizontal; reference: 0")
     azimuth_deg: Degrees | None = _unset(180.0, "measured azimuth of the normal from north, clockwise")
     emissivity: Fraction | None = _unset(
         0.93, 'in the camera\'s band, where it differs from surface.emissivity; or "@name"'
     )
-    camera: str = Field(
-        default="", description="the camera it lies in, such as second of [device.second]; default: the first"
-    )
+    camera: str = _key("", "the camera it lies in, such as second of [device.second]; default: the first")
 
     @classmethod
     def of(cls, region: Region) -> Self:
@@ -481,25 +417,19 @@ class RegionOutlines(Table):
 class RegionTable(RegionOutline):
     """A region: a polygon of the frame."""
 
-    emissivity_sd: float = Field(
-        default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
+    emissivity_sd: float = _key(
+        0.0, "standard uncertainty of emissivity; a record brings its own", ge=0, lt=1
     )
     surface_kind: Kind | None = _unset(
         "rock", "its kind of surface, where it differs from surface.kind; a target's, for learned"
     )
-    offset_k: float = Field(
-        default=0.0,
-        ge=-10,
-        le=10,
-        description='how much too warm the camera shows it; or "@name" of a uniformity',
+    offset_k: float = _key(
+        0.0, 'how much too warm the camera shows it; or "@name" of a uniformity', ge=-10, le=10
     )
-    probes: list[Probe] = Field(
-        default=[],
-        description='contact thermometers in it, as "stream:channel", such as ["thermometer:T1"]',
+    probes: list[Probe] = _key(
+        [], 'contact thermometers in it, as "stream:channel", such as ["thermometer:T1"]'
     )
-    horizon: list[HorizonPoint] = Field(
-        default=[], description="its own horizon instead of the site's: pairs or a CSV file"
-    )
+    horizon: list[HorizonPoint] = _key([], "its own horizon instead of the site's: pairs or a CSV file")
 
 
 def _rising(ends: list[float]) -> list[float]:
@@ -531,12 +461,12 @@ class Tables(Table):
 
     model_config: ClassVar[ConfigDict] = ConfigDict(strict=False)
 
-    schema_: Literal[1] = Field(default=1, alias="schema", description="version of this layout")
+    schema_: Literal[1] = _key(1, "version of this layout", alias="schema")
     campaign: CampaignTable = CampaignTable()
     site: SiteTable
     camera: CameraTable | None = None
     lux: LuxTable | None = None
-    thermometer: MeterTable | None = Field(default=None, description="The contact thermometer.")
+    thermometer: MeterTable | None = _key(None, "The contact thermometer.")
     device: dict[Name, MeterTable] = Field(default={})
     irradiance: IrradianceTable = IrradianceTable()
     surface: SurfaceTable = SurfaceTable()
