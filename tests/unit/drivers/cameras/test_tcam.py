@@ -205,9 +205,9 @@ def test_a_camera_that_announces_itself_is_found():
 def test_a_camera_is_added_by_its_host_and_a_host_without_one_is_refused(far_end, tmp_path):
     far_end(IMAGES, address=("127.0.0.9", PORT))
     file = fieldkit.init_campaign(tmp_path / "hill", (37.7, -105.92, 2317.0)).config.path
-    additions = add_devices(file, addresses=["127.0.0.9", "127.0.0.10", "127.0.0.9"])
+    additions = add_devices(file, addresses=["127.0.0.9", "127.0.0.10"])
     assert [(added.name, added.driver, added.port) for added in additions.added] == [
         ("camera", "tcam", "127.0.0.9:5001")
     ]
-    assert additions.configured == {"127.0.0.9": "camera"}
+    assert add_devices(file, addresses=["127.0.0.9"]).configured == {"127.0.0.9": "camera"}
     assert [failure.place for failure in additions.failures] == ["127.0.0.10"]
