@@ -26,18 +26,11 @@ from fieldkit.results import import_flir
 from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
-from fieldkit.sessions.formats import jma, joined, stills
+from fieldkit.sessions.formats import imported, jma, joined, stills
 from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
-from fieldkit.sessions.formats.imported import (
-    ImportedRecording,
-    MissingOptionsError,
-    UnstatedZoneError,
-    possible,
-    together,
-    write_imported,
-)
+from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
 from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.logs import LogOptions, read_log
 from fieldkit.sessions.formats.merged import Alignment, align, cut_session, merge
@@ -230,14 +223,14 @@ def import_recording(
     try:
         recording = _read_in_zone(source, options, config.site if config else None, "campaign")
     except MissingOptionsError as error:
-        raise together(error, *(() if options.site or config else (_NO_SITE,))) from None
+        raise imported.together(error, *(() if options.site or config else (_NO_SITE,))) from None
     site, recording = _with_site(recording, options.site, config)
-    recording = possible(recording, config.limits if config else changed_rows({}, site.body), site)
+    recording = imported.possible(recording, config.limits if config else changed_rows({}, site.body), site)
     title, regions = options.title or source.name, config.regions if config else ()
     header = SessionHeader(title, site, recording.streams, regions, command_line=command_line)
     path = Path(out) if out is not None else _default_path(config, recording, source)
     path.parent.mkdir(parents=True, exist_ok=True)
-    return ImportedSession.of(write_imported(path, header, recording, str(source)), recording)
+    return ImportedSession.of(imported.write_imported(path, header, recording, str(source)), recording)
 
 
 def import_into(
@@ -272,7 +265,7 @@ def import_into(
         if options.offset_s == AUTO:
             recording = align(opened, recording)
         recording = cut_session(opened, _warned_of_distance(recording, opened.site))
-        recording = possible(recording, _limits_of(opened), opened.site)
+        recording = imported.possible(recording, _limits_of(opened), opened.site)
         recording = _warned_of_irradiance(opened, recording)
         return ImportedSession.of(merge(opened, recording, path, str(source)), recording)
 

@@ -226,8 +226,5 @@ def refuse_bomb(path: Path, unpacked_bytes: int) -> None:
     """Raise `ConfigError` where a file unpacks to more than frames or tables of its size can."""
     size = path.stat().st_size
     if unpacked_bytes > _ALWAYS_BYTES + _MOST_TIMES * size:
-        raise ConfigError(
-            f"of {size / 1e6:.1f} MB unpacks to {unpacked_bytes / 1e6:.0f} MB or more",
-            place=path,
-            fix="check where it comes from, and copy it again",
-        )
+        problem = f"of {size / 1e6:.1f} MB unpacks to {unpacked_bytes / 1e6:.0f} MB or more"
+        raise ConfigError(problem, place=path, fix="check where it comes from, and copy it again")

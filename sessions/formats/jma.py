@@ -100,18 +100,14 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
 
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     if rows and rows[0][0] == _TIME_OF_DAY:
-        raise ConfigError(
-            f"times of day ({_TIME_OF_DAY}) but no date", place=path, fix=Argument("date", "2026-07-05")
-        )
+        problem = f"times of day ({_TIME_OF_DAY}) but no date"
+        raise ConfigError(problem, place=path, fix=Argument("date", "2026-07-05"))
     at = _names_at(rows)
     if at is None:
         raise _not_understood(path, f"no row names the items, beginning with {_YEAR}")
     if rows[at][0] and rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
-        raise ConfigError(
-            "values of periods of several days, from one date to another",
-            place=path,
-            fix="choose hourly or daily values (時別値, 日別値) at obsdl",
-        )
+        problem = "values of periods of several days, from one date to another"
+        raise ConfigError(problem, place=path, fix="choose hourly or daily values (時別値, 日別値) at obsdl")
     hourly = _is_hourly(rows[at], rows[at + 1 :])
     below = [(_stamp(row, is_split=rows[at][0] == _YEAR, hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]
@@ -245,10 +241,8 @@ def _is_normal(item: _Item, row: Sequence[str]) -> bool:
 
 def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
     try:
-        number = float(_cell(row, item.value))
+        number = float(_cell(row, item.value)) if _is_normal(item, row) else math.nan
     except ValueError:
-        return math.nan
-    if not _is_normal(item, row):
         return math.nan
     is_sum = item.kind.unit == _SUM
     return number * 1e6 / step.total_seconds() if is_sum else item.kind.in_stream_unit(number)
@@ -347,8 +341,5 @@ def encoding_of(path: Path) -> str:
 
 def _not_understood(path: Path, why: str) -> ConfigError:
     """The error of a file that is laid out otherwise."""
-    return ConfigError(
-        f"not as the {VENDOR} writes it: {why}",
-        place=path,
-        fix="download it anew and leave name and encoding (Shift_JIS) as they are",
-    )
+    fix = "download it anew and leave name and encoding (Shift_JIS) as they are"
+    return ConfigError(f"not as the {VENDOR} writes it: {why}", place=path, fix=fix)

@@ -26,16 +26,8 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Sentence
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
-from fieldkit.sessions.formats import tables
-from fieldkit.sessions.formats.imported import (
-    ImportedRecording,
-    MissingOptionsError,
-    UnstatedZoneError,
-    free_name,
-    imported_reading,
-    together,
-    usual_rate_hz,
-)
+from fieldkit.sessions.formats import imported, tables
+from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.long_tables import by_thing
 from fieldkit.sessions.formats.tables import DEFAULT_ENCODING, Table, read_table
@@ -113,13 +105,13 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     table = by_thing(path, table)
     try:
         channels, about_columns = _channels(path, table, options)
-        components, about_components = _components(path, table, channels, options)
+        channels, about_components = _components(path, table, channels, options)
     except MissingOptionsError as error:
-        raise together(error, *_missing_of_times(path, table, options)) from None
+        raise imported.together(error, *_missing_of_times(path, table, options)) from None
     _refuse_marks(path, table, channels)
     _refuse_without_numbers(path, table, channels)
     rows, zone, about_times = _timed_rows(path, table, options)
-    streams = _streams(name, channels, components, rows, is_long=table.long is not None)
+    streams = _streams(name, channels, rows, is_long=table.long is not None)
     readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
@@ -151,7 +143,7 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
         refusal = type(error)(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
         has_offset = re.search(r"([+-]\d\d:?\d\d|Z|UTC|GMT)$", table.time_text(rows[place]))
         is_known = has_offset or options.zone or table.stated
-        raise together(refusal, *([] if is_known else [UnstatedZoneError("no zone", fix=GIVE_ZONE)]))
+        raise imported.together(refusal, *([] if is_known else [UnstatedZoneError("no zone", fix=GIVE_ZONE)]))
     timed = [
         TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
         for place, row in enumerate(rows)
@@ -267,7 +259,8 @@ def _too_long(table: Table) -> dict[int, ConfigError]:
 class Channel(NamedTuple):
     """A column that is read: its place and label, what its numbers mean, whether they are averages.
 
-    `unit_at` is the column with the unit of each row, -1 where the header or an option gives the unit.
+    `unit_at` is the column with the unit of each row, -1 where the header or an option gives the unit;
+    `component` is of radiation.
     """
 
     place: int
@@ -275,6 +268,7 @@ class Channel(NamedTuple):
     meaning: Meaning
     is_average: bool
     unit_at: int
+    component: str = ""
 
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
@@ -358,8 +352,8 @@ def _refuse_open_units(
 
 def _components(
     path: Path, table: Table, channels: Sequence[Channel], options: LogOptions
-) -> tuple[dict[int, str], Notes]:
-    """The component of each column of radiation, by place, as its name or the option gives it, and notes.
+) -> tuple[list[Channel], Notes]:
+    """The columns, those of radiation with the component that their name or the option gives, and notes.
 
     Raises `ConfigError` where the option cannot be of a column, or may be of several.
     """
@@ -385,7 +379,8 @@ def _components(
     for component in dict.fromkeys(measures.values()):
         applied = [names[place] for place in by_option if by_option[place] == component]
         notes += _on_option("measures", component, applied, stated)
-    return components | by_option, notes
+    components |= by_option
+    return [one._replace(component=components.get(one.place, "")) for one in channels], notes
 
 
 def _free(table: Table) -> list[int]:
@@ -420,12 +415,7 @@ class _Stream(NamedTuple):
 
 
 def _streams(
-    name: str,
-    channels: Sequence[Channel],
-    components: Mapping[int, str],
-    rows: Sequence[TimedRow],
-    *,
-    is_long: bool,
+    name: str, channels: Sequence[Channel], rows: Sequence[TimedRow], *, is_long: bool
 ) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it.
 
@@ -438,19 +428,17 @@ def _streams(
     for (quantity, is_average), ours in groups.items():
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
         stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
-        free = free_name(stream, streams, "{}-{}")  # unknown quantities of several units
+        free = imported.free_name(stream, streams, "{}-{}")  # unknown quantities of several units
         has_cells = [any(cell_of(row.cells, channel.place) for channel in ours) for row in rows]
         own = list(compress(rows, has_cells)) if is_long else rows
-        streams[free] = _Stream(_info(free, ours, components, own), ours, own)
+        streams[free] = _Stream(_info(free, ours, own), ours, own)
     return list(streams.values())
 
 
-def _info(
-    name: str, channels: Sequence[Channel], components: Mapping[int, str], rows: Sequence[TimedRow]
-) -> StreamInfo:
+def _info(name: str, channels: Sequence[Channel], rows: Sequence[TimedRow]) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
-    measures = tuple(components.get(channel.place, "") for channel in channels)
-    rate_hz = usual_rate_hz([row.time_ns for row in rows])
+    measures = tuple(channel.component for channel in channels)
+    rate_hz = imported.usual_rate_hz([row.time_ns for row in rows])
     raw_bytes = max((len(_raw(row)) for row in rows), default=1)
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
@@ -473,7 +461,7 @@ def _readings(stream: _Stream, flags_at: int) -> Iterator[Reading]:
         flags = row.cells[flags_at] if flags_at >= 0 else ""
         quality = Quality(int(flags) & _ALL_FLAGS if flags.isdecimal() else 0)
         more = {"raw": _raw(row), "quality": quality, "device_seq": row.number}
-        yield imported_reading(stream.info.name, stamp, values, **more)
+        yield imported.imported_reading(stream.info.name, stamp, values, **more)
 
 
 def _raw(row: TimedRow) -> bytes:
@@ -535,8 +523,7 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
 
 def _on_stream(stream: _Stream) -> Notes:
     """Notes on what a stream of radiation does not state, and on averages that were moved."""
-    info, labels = stream.info, ", ".join(stream.info.channels)
-    notes: Notes = []
+    info, labels, notes = stream.info, ", ".join(stream.info.channels), Notes()
     if info.unit == POWER.stored and not info.measures:
         note = f"what {labels} measures is not known, so slopes cannot use it"
         fix = f"import it as global irradiance (ghi), or {how_to_state(info.name)}"

@@ -49,18 +49,16 @@ _PROCESSES = ("Smp", *AVERAGED, "Max", "Min", "Std", "Tot", "Med", "TMx", "TMn",
 _PROCESS = re.compile(rf"_({'|'.join(_PROCESSES)})(?=$|_\d+$|\(\d+\)$)")
 _MOST_ZONES = 3  # a column of more values is of something else
 _UNIT_COLUMN = re.compile(
-    r"(?<![a-z])units?(?![a-z])|(?-i:(?<=[a-z])Unit)|einheit|unité|unidad|unità|eenheid|enhet|jednot|uom|単位|单位",
-    re.IGNORECASE,
+    r"(?i)(?<![a-z])units?(?![a-z])|(?-i:(?<=[a-z])Unit)|einheit|unité|unidad|unità|eenheid|enhet|jednot|uom|単位|单位"
 )
 _UNIT_LINE = re.compile(r"\bunits?\b\W*(.*\w)", re.IGNORECASE)  # above the header
 VALUE = re.compile(r"value|wert|valeur|valor|reading|state|payload|mean|測定値|数值", re.IGNORECASE)
 THING = re.compile(
-    r"_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic)"
+    r"(?i)_?(?:entity|sensor|device|dev|node|station|channel|ch|probe|module|logger|serial|mac|statistic)"
     r"[ _.]?(?:id|ids|name|no|nr|num|number|eui|addr|address)?|[\w.]*[_.](?:id|eui)|id|topic|_?field|table"
     r"|input|_?measurement|metric|parameter|variable|series|quantity|(?:friendly_)?name|addr|address|tag|source"
     r"|host|label|item|signal|datastream|type|no\.?|nr\.?|#|kanal|fühler|messstelle|messgröße|capteur|canal"
-    r"|センサー?|(?P<place>point|location|site|place|room|plot|bed|spot|surface|material|sample|position|ort|sonda|测点)",
-    re.IGNORECASE,
+    r"|センサー?|(?P<place>point|location|site|place|room|plot|bed|spot|surface|material|sample|position|ort|sonda|测点)"
 )
 """Labels of columns that tell the thing of a row; a place by its name, not by a number."""
 _TIME_COLUMN = re.compile(r"time|date|zeit|datum|stamp|heure|fecha|hora|data|日|時|时", re.IGNORECASE)

@@ -99,8 +99,11 @@ def _in_zone(
     texts: Sequence[str], written: Mapping[int, datetime], zone: tzinfo | None
 ) -> dict[int, datetime]:
     """The times with their offset, of an hour that came twice the one by the order of the rows."""
-    moments = {row: _with_zone(texts[row], moment, zone) for row, moment in written.items()}
-    for row, moment in moments.items():
+    moments: dict[int, datetime] = {}
+    for row, moment in written.items():
+        if moment.tzinfo is None and zone is None:
+            raise UnstatedZoneError("a time without a zone", place=repr(texts[row]), fix=GIVE_ZONE)
+        moments[row] = moment = moment if moment.tzinfo else moment.replace(tzinfo=zone)
         if _hours_back(moment) < 0:
             problem = f"does not exist in {moment.tzinfo}: clocks were put forward over it"
             raise ConfigError(problem, place=repr(texts[row]), fix=_fixed_offset(moment))
@@ -114,14 +117,6 @@ def _unix_ns(text: str) -> int:
     if len(seconds) > 11:
         return plausible_ns(int(seconds.ljust(19, "0")))
     return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
-
-
-def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
-    if moment.tzinfo is not None:
-        return moment
-    if zone is None:
-        raise UnstatedZoneError("a time without a zone", place=repr(text), fix=GIVE_ZONE)
-    return moment.replace(tzinfo=zone)
 
 
 def _hours_back(moment: datetime) -> float:
@@ -313,10 +308,8 @@ def is_clock(text: str) -> bool:
 
 def has_day(time_format: str | None) -> bool:
     """False if a format is of times of day alone."""
-    return (
-        time_format is None
-        or re.search("%[^HIMSfpz%:.]|[yd]", re.sub("%[HIMSfpz]", "", time_format)) is not None
-    )
+    codes = "%Y" if time_format is None else re.sub("%[HIMSfpz]", "", time_format)
+    return re.search("%[^HIMSfpz%:.]|[yd]", codes) is not None
 
 
 def is_number(text: str) -> bool:

@@ -16,40 +16,33 @@ from zoneinfo import ZoneInfo, available_timezones
 from fieldkit.model.site import known_zone
 
 _LABEL = re.compile(
-    r"zone|zona|\bzon\b|\btz\b|fuseau|huso|fuso|vyöhyke|strefa|пояс|時間帯|タイムゾーン|时区|時區"
+    r"(?i)zone|zona|\bzon\b|\btz\b|fuseau|huso|fuso|vyöhyke|strefa|пояс|時間帯|タイムゾーン|时区|時區"
     r"|(offset|diff\w*|hours?)\W+(\w+\W+)?(utc|gmt)\b|\b(utc|gmt)[\W_]*(offset|diff\w*)"
-    r"|summer.?time|daylight.?saving|\bdst|sommerzeit|heure d.été|horario de verano|ora legale|夏時間|夏令时",
-    re.IGNORECASE,
+    r"|summer.?time|daylight.?saving|\bdst|sommerzeit|heure d.été|horario de verano|ora legale|夏時間|夏令时"
 )
-_MENTION = re.compile(
-    r"\W*(all )?(times?|timestamps?|zeit\w*|heures?|horas?)\b\D*\b(utc|gmt)\b", re.IGNORECASE
-)
-_SUMMER = re.compile(r"daylight|dst|summer|sommer|été|verano|legale|夏", re.IGNORECASE)
-_NO = re.compile(r"\W(no|non?e?|nein|off|aus|false|disabled|inactive|0)\W*$", re.IGNORECASE)
+_MENTION = re.compile(r"(?i)\W*(all )?(times?|timestamps?|zeit\w*|heures?|horas?)\b\D*\b(utc|gmt)\b")
+_SUMMER = re.compile(r"(?i)daylight|dst|summer|sommer|été|verano|legale|夏")
+_NO = re.compile(r"(?i)\W(no|non?e?|nein|off|aus|false|disabled|inactive|0)\W*$")
 _NAME = re.compile(r"[A-Za-z]+(?:/[\w+-]+)+")
 _OFFSET = re.compile(
-    r"(?<![A-Z])(?:GMT|UTC)\s*([+\-−±])\s*(\d{1,2}(?!\d)|\d\d)(?::?([0-5]\d))?(?![\d.:]|,\d)", re.IGNORECASE
+    r"(?i)(?<![A-Z])(?:GMT|UTC)\s*([+\-−±])\s*(\d{1,2}(?!\d)|\d\d)(?::?([0-5]\d))?(?![\d.:]|,\d)"
 )
 _VALUE = re.compile(r"([+\-−])(\d{1,2}(?=:)|\d\d):?([0-5]\d)")  # MySQL's, in a field of a zone
-_GREENWICH = re.compile(
-    r"(?<![^\W_])(GMT|UTC|Z|Coordinated Universal Time)(?![^\W_]|\s*[+\-−±\d])", re.IGNORECASE
-)
-_JOINED = re.compile(r"(?<=date|time)(?=utc|gmt)|(?<=utc|gmt)(?=date|time)", re.IGNORECASE)
-_LOCAL = re.compile(r"loca[lt]|lokal|system|offset|since|from|mean", re.IGNORECASE)
-_NO_SUMMER = re.compile(
-    r"\b(no|without|ohne|sans|sin)\s+(dst|daylight \w+|summer time|sommerzeit)", re.IGNORECASE
-)
+_GREENWICH = re.compile(r"(?i)(?<![^\W_])(GMT|UTC|Z|Coordinated Universal Time)(?![^\W_]|\s*[+\-−±\d])")
+_JOINED = re.compile(r"(?i)(?<=date|time)(?=utc|gmt)|(?<=utc|gmt)(?=date|time)")
+_LOCAL = re.compile(r"(?i)loca[lt]|lokal|system|offset|since|from|mean")
+_NO_SUMMER = re.compile(r"(?i)\b(no|without|ohne|sans|sin)\s+(dst|daylight \w+|summer time|sommerzeit)")
 _OPEN = re.compile(
-    r"\b(not|no|nicht|kein\w*|ohne|without|sans|sin|senza|pas|geen|niet|dst|minus|behind|west)\b"
+    r"(?i)\b(not|no|nicht|kein\w*|ohne|without|sans|sin|senza|pas|geen|niet|dst|minus|behind|west)\b"
     r"|to_?utc|非|/\s*[+\-−]?\d|\([^()]*\)\s*[^\W\d_]{3}",  # (UTC+01:00) Amsterdam, Berlin, ...
     re.IGNORECASE,
 )
 _ABBREVIATION = re.compile(
-    r"\b([A-Z]{1,4}[SD]T|[CEWM]E[SD]?T|MS[KD]|MESZ|MEZ|GST|HKT|ICT|PKT|SGT|UTC|GMT)\b", re.IGNORECASE
+    r"(?i)\b([A-Z]{1,4}[SD]T|[CEWM]E[SD]?T|MS[KD]|MESZ|MEZ|GST|HKT|ICT|PKT|SGT|UTC|GMT)\b"
 )
 _UNITS_S = {"s": 1, "sec": 1, "seconds": 1, "min": 60, "minutes": 60, "h": 3600, "hr": 3600, "hours": 3600}
 _UNIT = rf"({'|'.join(_UNITS_S)})"
-_NUMBER = re.compile(rf"[\W_]*{_UNIT}?\W*:\s*([+\-]?\d+(?:\.\d+)?)\s*{_UNIT}?\W*", re.IGNORECASE)
+_NUMBER = re.compile(rf"(?i)[\W_]*{_UNIT}?\W*:\s*([+\-]?\d+(?:\.\d+)?)\s*{_UNIT}?\W*")
 _MOST_S = 14 * 3600  # Kiribati
 
 
