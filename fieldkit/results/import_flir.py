@@ -129,7 +129,10 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
     try:
         for number, stored in enumerate(_stored_frames(path)):
             frame = frame or stored
-            _refuse_another(path, number, stored, first or frame)
+            alike = first or frame
+            if stored.counts.shape != alike.counts.shape or stored.constants != alike.constants:
+                problem = f"frame {number} has another size or other constants than the first"
+                raise ConfigError(problem, place=path, fix="import the parts one by one")
             time_ns.append(stored.time_ns)
     except DecodeError as error:
         if frame is None:
@@ -138,15 +141,6 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
     if frame is None:
         raise DecodeError("the file is empty", fix=_COPY)
     return frame, _File(path, time_ns, damage)
-
-
-def _refuse_another(path: Path, number: int, stored: FlirFrame, first: FlirFrame) -> None:
-    if stored.counts.shape != first.counts.shape or stored.constants != first.constants:
-        raise ConfigError(
-            f"frame {number} has another size or other constants than the first",
-            place=path,
-            fix="import the parts one by one",
-        )
 
 
 def _stored_frames(path: Path) -> Iterator[FlirFrame]:

@@ -93,10 +93,10 @@ def read_bag(path: Path, options: BagOptions) -> ImportedRecording:
     if options.unit and not has_images and len(unstated) > 1:
         problem = f"the unit {options.unit} would apply to {', '.join(unstated)}"
         raise ConfigError(problem, place=path, fix=Argument("columns", unstated[0]))
-    topics = {}
+    topics, meter = {}, partial(_meter, has_images=has_images)
     for name, message in first.items():
-        make = _camera if message.kind == "Image" else partial(_meter, has_images=has_images)
-        if topic := make(f"{path}, {name}", message, options, usual_rate_hz(stamps_ns[name])):
+        make = partial(_camera, f"{path}, {name}") if message.kind == "Image" else meter
+        if topic := make(message, options, usual_rate_hz(stamps_ns[name])):
             topics[name] = topic
     others = ", ".join(sorted(first.keys() - topics))
     if not topics:
@@ -141,9 +141,7 @@ def _stream(message: _Message, options: BagOptions) -> str:
     return "-".join(filter(None, (options.name, *message.topic.split("/"))))
 
 
-def _meter(
-    place: str, message: _Message, options: BagOptions, rate_hz: float, *, has_images: bool
-) -> _Topic | None:
+def _meter(message: _Message, options: BagOptions, rate_hz: float, *, has_images: bool) -> _Topic | None:
     *_, last = message.topic.split("/")
     field, written = _FIELDS.get(message.kind, ("", ""))
     if _is_number(message) and not has_images:

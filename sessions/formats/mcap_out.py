@@ -169,19 +169,16 @@ def _sample(sample: Sample, info: StreamInfo) -> dict[str, Any]:
         "mono_ns": sample.mono_ns, "seq": sample.seq, "device_seq": _counter(sample.device_seq),
         "device_time": _counter(sample.device_time), "flags": int(sample.quality),
     }  # fmt: skip
-    if isinstance(sample, Frame):
-        return {**stamps, **_frame(sample)}
-    values = dict(zip(channel_names(info), sample.values, strict=True))
-    return {**stamps, "values": values, "raw": _base64(sample.raw)}
-
-
-def _frame(frame: Frame) -> dict[str, Any]:
-    rows, cols = frame.counts.shape
+    if not isinstance(sample, Frame):
+        values = dict(zip(channel_names(info), sample.values, strict=True))
+        return {**stamps, "values": values, "raw": _base64(sample.raw)}
+    rows, cols = sample.counts.shape
     return {
-        "frame_id": frame.stream, "width": cols, "height": rows, "encoding": "mono16", "step": 2 * cols,
-        "data": _base64(frame.counts.astype("<u2").tobytes()),
-        "metadata_rows": _base64(frame.metadata_rows.astype("<u2").tobytes()),
-        "sensor_temperature_k": frame.fpa_temperature_k,
+        **stamps,
+        "frame_id": sample.stream, "width": cols, "height": rows, "encoding": "mono16", "step": 2 * cols,
+        "data": _base64(sample.counts.astype("<u2").tobytes()),
+        "metadata_rows": _base64(sample.metadata_rows.astype("<u2").tobytes()),
+        "sensor_temperature_k": sample.fpa_temperature_k,
     }  # fmt: skip
 
 

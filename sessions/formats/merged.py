@@ -98,7 +98,10 @@ def write_together(
         at_start = (replace(note, mono_ns=now, time_ns=clock.to_utc_ns(now)) for note in notes)
         for entry in chain(entries, at_start):
             writer.put(entry)
-        for sample in _by_time(session, added, steps):
+        # all by the session's clocks, to which the added ones are moved
+        recorded = session.samples(recorded=True)
+        moved = (_move(sample, steps, session.anchor_ns) for sample in added)
+        for sample in heapq.merge(recorded, moved, key=lambda sample: sample.mono_ns):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
     except BaseException:
@@ -108,12 +111,6 @@ def write_together(
     if steps:
         apply_time_map(path, steps)
     return report
-
-
-def _by_time(session: SessionReader, added: Iterable[Sample], steps: list[TimeStep]) -> Iterator[Sample]:
-    """All samples as recorded by the session's clocks, to which the added ones are moved."""
-    on_clock = (_move(sample, steps, session.anchor_ns) for sample in added)
-    return heapq.merge(session.samples(recorded=True), on_clock, key=lambda sample: sample.mono_ns)
 
 
 def _move(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
