@@ -15,7 +15,16 @@ from pathlib import Path
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import thermal_master
 from fieldkit.drivers.cameras.source import NO_FORMAT, WITHOUT_TEMPERATURES, cameras
-from fieldkit.drivers.identity import SYSFS, UDEV_FIX, Found, Kind, UsbIdentity, permission_fix, usb_parent
+from fieldkit.drivers.identity import (
+    SYSFS,
+    UDEV_FIX,
+    Found,
+    Kind,
+    UsbIdentity,
+    permission_fix,
+    text_in,
+    usb_parent,
+)
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import SerialDriver, serial_ports
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, Driver
@@ -152,7 +161,7 @@ def check_instruments(sysfs: Path = SYSFS, configured: Sequence[DeviceSettings] 
     without_port = list(_adapters_without_port(sysfs, found_ports))
     kinds = [_connection(settings) for settings in configured]
     elsewhere = any(is_camera for _, is_camera in kinds) and ("USB video", True) not in kinds
-    if not (found_cameras or elsewhere or any(_is_camera(usb) for usb, _ in raw_only)):
+    if not (found_cameras or elsewhere or any(_raw_nodes(sysfs, thermal_master.KINDS))):
         yield Finding(
             "warn", "camera", "no USB camera is connected", "connect it; lsusb shows whether it is detected"
         )
@@ -181,10 +190,6 @@ def _connection(settings: DeviceSettings) -> tuple[str, bool]:
     if getattr(driver, "video", NO_FORMAT).fourcc:
         return "USB video", is_camera
     return "USB serial" if isinstance(driver, SerialDriver) else "", is_camera
-
-
-def _is_camera(usb: UsbIdentity) -> bool:
-    return (usb.vendor, usb.product) in thermal_master.KINDS
 
 
 def _libraries() -> Iterator[Finding]:
@@ -244,18 +249,15 @@ def _usb_devices(sysfs: Path) -> Iterator[tuple[UsbIdentity, Path]]:
 
 def _raw_path(folder: Path) -> str:
     """The raw node of a USB device; empty if it is unplugged."""
-    try:
-        bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
-    except (OSError, ValueError):
-        return ""
-    return f"/dev/bus/usb/{bus:03d}/{number:03d}"
+    bus, number = text_in(folder / "busnum"), text_in(folder / "devnum")
+    return f"/dev/bus/usb/{bus.zfill(3)}/{number.zfill(3)}" if bus and number else ""
 
 
 def _adapters_without_port(sysfs: Path, found_ports: Sequence[Found]) -> Iterator[Finding]:
     """Serial adapters that the kernel sees and that have no port, with what has taken them."""
     for usb, folder in _usb_devices(sysfs):
         interfaces = [*folder.parent.glob(f"{folder.name}:*")]
-        is_cdc = any("ic02isc02" in _text(interface / "modalias") for interface in interfaces)
+        is_cdc = any("ic02isc02" in text_in(interface / "modalias") for interface in interfaces)
         module = MODULES.get((usb.vendor, usb.product), "cdc_acm" if is_cdc else "")
         if module and usb.path not in {other.path for _, other in found_ports}:
             text, fix = _why_no_port(module, folder, interfaces)
@@ -275,20 +277,13 @@ def _why_no_port(module: str, folder: Path, interfaces: Sequence[Path]) -> tuple
 
 
 def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
-    try:
-        control = (sysfs / "bus/usb/devices" / usb.path / "power/control").read_text().strip()
-    except OSError:
-        return
-    if control != "on":
+    if text_in(sysfs / "bus/usb/devices" / usb.path / "power/control") not in ("", "on"):
         yield Finding("warn", path, "the kernel may suspend it (autosuspend)", UDEV_FIX)
 
 
 def _latency(path: str, sysfs: Path) -> Iterator[Finding]:
-    try:
-        timer_ms = int((sysfs / "class/tty" / Path(path).name / "device/latency_timer").read_text())
-    except (OSError, ValueError):
-        return
-    if timer_ms > SLOW_LATENCY_MS:
+    timer_ms = text_in(sysfs / "class/tty" / Path(path).name / "device/latency_timer")
+    if timer_ms and int(timer_ms) > SLOW_LATENCY_MS:
         yield Finding("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
 
 
@@ -302,14 +297,7 @@ def _modem_manager(paths: list[str]) -> Finding:
 
 
 def _is_running(program: str) -> bool:
-    return any(_text(folder / "comm") == program for folder in PROC.glob("[0-9]*"))
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text().strip()
-    except OSError:
-        return ""
+    return any(text_in(folder / "comm") == program for folder in PROC.glob("[0-9]*"))
 
 
 def _is_ignored(path: str) -> bool:

@@ -161,15 +161,15 @@ def usb_parent(node: Path) -> UsbIdentity | None:
     """The USB device that a sysfs node (a tty, a video node) hangs on, or None."""
     for folder in (node, *node.parents):
         if (folder / "idVendor").is_file():
-            vendor, product = _line(folder / "idVendor"), _line(folder / "idProduct")
+            vendor, product = text_in(folder / "idVendor"), text_in(folder / "idProduct")
             if not (vendor and product):  # unplugged just now
                 return None
             return UsbIdentity(
                 vendor=int(vendor, 16),
                 product=int(product, 16),
-                serial=_line(folder / "serial"),
+                serial=text_in(folder / "serial"),
                 path=folder.name,
-                title=f"{_line(folder / 'manufacturer')} {_line(folder / 'product')}".strip(),
+                title=f"{text_in(folder / 'manufacturer')} {text_in(folder / 'product')}".strip(),
                 interface=_interface(node),
             )
     return None
@@ -177,15 +177,16 @@ def usb_parent(node: Path) -> UsbIdentity | None:
 
 def _interface(node: Path) -> str:
     """The USB interface of a node and, of several ports on one interface, which; as udev writes them."""
-    numbers = (_line(folder / "bInterfaceNumber") for folder in (node, *node.parents))
-    port = _line(node / "port_number")
+    numbers = (text_in(folder / "bInterfaceNumber") for folder in (node, *node.parents))
+    port = text_in(node / "port_number")
     return next(
         (f"if{number}" + (f"-port{port}" if port not in ("", "0") else "") for number in numbers if number),
         "",
     )
 
 
-def _line(path: Path) -> str:
+def text_in(path: Path) -> str:
+    """What stands in a file of the kernel's, empty where it cannot be read."""
     try:
         return path.read_text(errors="replace").strip()
     except OSError:

@@ -32,6 +32,7 @@ from fieldkit.drivers.identity import (
     listing,
     only_one,
     refusal,
+    text_in,
     usb_parent,
 )
 from fieldkit.drivers.opening import close_on_failure
@@ -280,8 +281,6 @@ def _shorten_usb_latency(port: Any) -> int | None:
     """
     with suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
-    try:
-        node = SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
-        return int((node / "device" / "latency_timer").read_text())
-    except (OSError, ValueError):
-        return None
+    node = SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
+    latency_ms = text_in(node / "device" / "latency_timer")
+    return int(latency_ms) if latency_ms else None

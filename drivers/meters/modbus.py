@@ -203,9 +203,8 @@ def load_map(name: str) -> RegisterMap:
             reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         else:
             reason = message_of(error)
-        raise ConfigError(
-            str(reason), place=path, fix="compare with the map rtd-8 that comes with fieldkit"
-        ) from error
+        fix = "compare with the map rtd-8 that comes with fieldkit"
+        raise ConfigError(reason, place=path, fix=fix) from error
 
 
 def _read_map(table: Mapping[str, Any]) -> RegisterMap:

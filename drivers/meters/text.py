@@ -257,9 +257,7 @@ class Grammar:
         unit_of_name = _unit(field.unit) or unit_of_name or self.unit
         unit_of_value = _unit(match[2] or "") if match else ""
         number = float(match[1]) if match else math.nan
-        is_garbled = (
-            bool(unit_of_name and unit_of_value) and meaning_of(unit_of_value) is None
-        )  # 2x.5 below temp_c
+        is_garbled = unit_of_name and unit_of_value and not _is_unit(unit_of_value)  # 2x.5 below temp_c
         if is_garbled or not math.isfinite(number) or number in self.no_value:
             return Value(math.nan, unit_of_name, name, Quality.NO_VALUE)
         return Value(number, unit_of_value or unit_of_name, name)

@@ -79,9 +79,10 @@ class Ground:
         """
         corners = np.asarray(points_m, np.float64)
         for time_ns in times_ns:
-            if not self._unseen(time_ns, corners).any():
-                return self._on_frame(time_ns, corners)
-        unseen = corners[self._unseen(times_ns[0], corners)]
+            is_unseen, on_frame = self._on_frame(time_ns, corners)
+            if not is_unseen.any():
+                return on_frame
+        unseen = corners[self._on_frame(times_ns[0], corners)[0]]
         raise ConfigError(
             "not seen by the camera: behind it, outside the frame, beyond range_m or behind nearer ground",
             place=" ".join(f"{east:.10g},{north:.10g}" for east, north, _ in unseen),
@@ -94,7 +95,8 @@ class Ground:
         assert self.pose.table.ground_m is not None
         return self.pose.table.ground_m
 
-    def _unseen(self, time_ns: int, corners: FloatArray) -> BoolArray:
+    def _on_frame(self, time_ns: int, corners: FloatArray) -> tuple[BoolArray, list[Corner]]:
+        """Which corners are not seen, and where they are in the frame, those outside on its edge."""
         camera = self.path.camera(time_ns, self.shape)
         assert camera is not None
         x, y, away = project(camera, corners)
@@ -103,14 +105,7 @@ class Ground:
         unseen = np.asarray(~inside | (away > self.pose.table.range_m))
         if self.dem is not None and not unseen.any():
             unseen = is_hidden(self.dem, camera.position_m, corners, 2.0 * self.dem.cell_m)
-        return unseen
-
-    def _on_frame(self, time_ns: int, corners: FloatArray) -> list[Corner]:
-        camera = self.path.camera(time_ns, self.shape)
-        assert camera is not None
-        x, y, _ = project(camera, corners)
-        rows, cols = self.shape
-        return [
+        return unseen, [
             (round(float(np.clip(right, 0, cols - 1)), 1), round(float(np.clip(down, 0, rows - 1)), 1))
             for right, down in zip(x, y, strict=True)
         ]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
-from fieldkit.config.files import FILE_NAME, KeyPath, read_text, regions_in
+from fieldkit.config.files import FILE_NAME, KeyPath, read_text, regions_in, table_in
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
@@ -238,16 +238,10 @@ def _pair(path: Path, number: int, row: list[str]) -> list[float]:
 def with_horizons(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Replace file names in `values` by their pairs; returns the mistakes."""
     mistakes = []
-    for place, table in _tables(values):
+    for place, table in ((("site",), table_in(values, "site")), *regions_in(values)):
         if isinstance(name := table.get("horizon"), str):
             try:
                 table["horizon"] = load_horizon(campaign_folder(path) / name)
             except ConfigError as error:
                 mistakes.append(Mistake((*place, "horizon"), error.message))
     return mistakes
-
-
-def _tables(values: dict[str, Any]) -> Iterator[tuple[KeyPath, dict[str, Any]]]:
-    if isinstance(site := values.get("site"), dict):
-        yield ("site",), site
-    yield from regions_in(values)

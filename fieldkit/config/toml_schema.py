@@ -58,6 +58,11 @@ def _key(default: Any, description: str, **limits: Any) -> Any:
     return Field(default=default, description=description, **limits)
 
 
+def _needed(example: Any, description: str, **limits: Any) -> Any:
+    """A key that must be given."""
+    return Field(examples=[example], description=description, **limits)
+
+
 def _unset(example: Any, description: str, **limits: Any) -> Any:
     """A key that has no default."""
     return Field(default=None, examples=[example], description=description, **limits)
@@ -85,8 +90,8 @@ class CampaignTable(Table):
 class SiteTable(Table):
     """Location of the measurement, from which the sun is computed."""
 
-    latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
-    longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
+    latitude_deg: float = _needed(35.558675, "degrees, north positive", ge=-90, le=90)
+    longitude_deg: float = _needed(139.395232, "degrees, east positive", ge=-180, le=180)
     elevation_m: Height = _key(0.0, "metres above sea level, elsewhere above the datum")
     body: Literal["earth", "mars", "moon"] = _key(
         "earth", "the world; latitude and longitude are planetographic, east positive"
@@ -100,11 +105,7 @@ class SiteTable(Table):
 class DeviceTable(Table):
     """One instrument: its driver and its port or identity."""
 
-    driver: str = Field(
-        examples=["purethermal"],
-        min_length=1,
-        description="name of the driver, as `fieldkit devices` prints it",
-    )
+    driver: str = _needed("purethermal", "name of the driver, as `fieldkit devices` prints it", min_length=1)
     port: str = _key("", "its port, such as /dev/ttyUSB0, its address, such as 10.0.0.5:4001, or simulated")
     identity: str = _key("", "`vendor:product[:serial][-interface]` or a USB path")
     connect_timeout_s: float = _key(
@@ -119,9 +120,7 @@ class PoseTable(Table):
     Give a place with angles or a quaternion, or a trajectory; and level ground or a DEM.
     """
 
-    crs: str = Field(
-        examples=["EPSG:32613"], description="projected reference system in metres, of all places"
-    )
+    crs: str = _needed("EPSG:32613", "projected reference system in metres, of all places")
     east_m: Easting | None = _unset(412000.0, "the camera's easting")
     north_m: Easting | None = _unset(4172000.0, "its northing")
     height_m: Height | None = _unset(2305.0, "its height")
@@ -140,13 +139,11 @@ class PoseTable(Table):
     trajectory: str | None = _unset(
         "run.csv", "a CSV or TUM file of poses over time, beside this file; a session holds its text"
     )
-    hfov_deg: float = Field(
-        examples=[50.0], gt=0, lt=180, description="horizontal field of view, from edge to edge"
-    )
+    hfov_deg: float = _needed(50.0, "horizontal field of view, from edge to edge", gt=0, lt=180)
     distortion: Annotated[list[Coefficient], Field(min_length=5, max_length=5)] | None = _unset(
         [-0.3, 0.1, 0.0, 0.0, 0.0], "k1, k2, p1, p2, k3 of the lens, as OpenCV gives them"
     )
-    range_m: float = Field(examples=[60.0], gt=0, le=10_000, description="farther ground is omitted")
+    range_m: float = _needed(60.0, "farther ground is omitted", gt=0, le=10_000)
     ground_m: Height | None = _unset(2300.0, "height of level ground")
     dem: str | None = _unset("dem.tif", "a GeoTIFF of heights, beside this file")
 
@@ -351,15 +348,15 @@ class RegionOutline(Table):
     A `Region`, and its row in a session, has fields of the same names, with NaN for what is unknown.
     """
 
-    name: Name = Field(examples=["b15"], description="letters, digits, - and _")
+    name: Name = _needed("b15", "letters, digits, - and _")
     kind: Literal["reference", "target"] = _key(
         "target", "the reference is the region of known slope, usually flat"
     )
-    points_px: list[Point] = Field(
-        examples=[[[29, 29], [66, 28], [66, 53], [24, 56]]],
+    points_px: list[Point] = _needed(
+        [[29, 29], [66, 28], [66, 53], [24, 56]],
+        "corners [x, y]; x to the right, y down, the first pixel is [0, 0]",
         min_length=3,
         max_length=64,
-        description="corners [x, y]; x to the right, y down, the first pixel is [0, 0]",
     )
     points_m: list[GroundPoint] = _key(
         [],

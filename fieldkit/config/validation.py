@@ -266,11 +266,9 @@ def outline(points: Any) -> list[tuple[float, float]] | None:
     """The corners of a region as pairs, or None if they are not at least three pairs of numbers."""
     if not isinstance(points, list) or len(points) < 3:
         return None
-    if not all(isinstance(point, list) and len(point) == 2 for point in points):
-        return None
-    if not all(_is_number(value) for point in points for value in point):
-        return None
-    return [(float(x), float(y)) for x, y in points]
+    pairs = [point for point in points if isinstance(point, list) and len(point) == 2]
+    numbers = [(float(x), float(y)) for x, y in pairs if _is_number(x) and _is_number(y)]
+    return numbers if len(numbers) == len(points) else None
 
 
 def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:

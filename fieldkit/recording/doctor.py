@@ -17,6 +17,7 @@ from fieldkit.calibration.calibration_record import expiry_warnings
 from fieldkit.config import Config, NoCampaignError, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import check_instruments, is_connected
+from fieldkit.drivers.identity import text_in
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, FieldkitError
@@ -128,18 +129,11 @@ def _disk(folder: Path) -> Iterator[Finding]:
 
 def _power(folder: Path) -> Iterator[Finding]:
     for battery in sorted(POWER.glob("BAT*")):
-        percent, state = (_read(battery / name) for name in ("capacity", "status"))
+        percent, state = (text_in(battery / name) or "unknown" for name in ("capacity", "status"))
         text = f"{percent} %, {state.lower()}"
         low = percent.isdigit() and int(percent) < LOW_BATTERY_PERCENT and state == "Discharging"
         fix = "charge it, or take a power bank; three hours of sun drain a laptop" if low else ""
         yield Finding("warn" if low else "ok", f"battery {battery.name}", text, fix)
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text().strip()
-    except OSError:
-        return "unknown"
 
 
 def _configuration(folder: Path) -> Iterator[Finding]:

@@ -196,18 +196,14 @@ def _short(value: float) -> int | float:
 
 def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
-    before = {_failure_text(region) for region in inspect_regions(unless)}
-    failures = [
-        _failure_text(region)
-        for region in inspect_regions(config)
-        if region.failures and _failure_text(region) not in before
-    ]
-    if failures:
+    before = _failures(unless)
+    if failures := [failure for failure in _failures(config) if failure not in before]:
         raise ConfigError("; ".join(failures), fix="nothing was changed; draw it again")
 
 
-def _failure_text(inspection: RegionInspection) -> str:
-    return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
+def _failures(config: Config) -> list[str]:
+    failed = [check for check in inspect_regions(config) if check.failures]
+    return [f"region {check.region.name}: {'; '.join(check.failures)}" for check in failed]
 
 
 def first_frames_k(path: Path, name: str = "") -> FloatArray:
