@@ -115,27 +115,21 @@ def candidates(
     ]
 
 
-def fitting(settings: DeviceSettings, present: Sequence[Found], kinds: Sequence[Kind]) -> list[Found]:
-    """Those with the identity that `settings` name; without one those of `kinds`, all if there are none."""
-    return [
+def only_one(settings: DeviceSettings, present: Sequence[Found], kinds: Sequence[Kind], what: str) -> Found:
+    """The only one with the identity that `settings` name; without one, of `kinds`, or of all without those.
+
+    Raises `DeviceNotFoundError` with all that is connected instead; `what` is it in words, such as
+    "USB camera".
+    """
+    identity = settings.identity
+    of = [
         (path, usb)
         for path, usb in present
-        if (
-            usb.matches(settings.identity)
-            if settings.identity
-            else not kinds or (usb.vendor, usb.product) in kinds
-        )
+        if (usb.matches(identity) if identity else not kinds or (usb.vendor, usb.product) in kinds)
     ]
-
-
-def only_one(settings: DeviceSettings, of: Sequence[Found], present: Sequence[Found], what: str) -> Found:
-    """The only one that fits; raises `DeviceNotFoundError` with all that is connected instead.
-
-    `what` is it in words, such as "USB camera".
-    """
     if len(of) == 1:
         return of[0]
-    which = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
+    which = f"with identity {identity}" if identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{len(of) or 'no'} {what}s {which}; {listing(present, what)}",
         place=settings.name,

@@ -27,7 +27,6 @@ from fieldkit.drivers.identity import (
     Found,
     Kind,
     candidates,
-    fitting,
     group_of,
     listing,
     only_one,
@@ -234,7 +233,7 @@ def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:
     if settings.port:
         _refuse_another(settings, ports)
         return settings.port
-    return only_one(settings, fitting(settings, ports, kinds), ports, "USB serial port")[0]
+    return only_one(settings, ports, kinds, "USB serial port")[0]
 
 
 def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
@@ -267,9 +266,7 @@ def open_failure(path: str, error: Exception) -> DeviceError:
             fix="plug the instrument in; " + Action.FIND_DEVICES() + " shows the identity",
         )
     fix = f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX
-    if cause := refusal(path, error, group_of(path), fix):
-        return cause
-    return DeviceAccessError(
+    return refusal(path, error, group_of(path), fix) or DeviceAccessError(
         f"cannot be opened: {error}", place=path, fix=Action.DOCTOR() + " checks the cause"
     )
 

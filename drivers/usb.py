@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import Found, Kind, UsbIdentity, fitting, only_one, refusal
+from fieldkit.drivers.identity import Found, Kind, UsbIdentity, only_one, refusal
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceLostError
 
@@ -35,7 +35,7 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[Kind]) -> tuple[Any, UsbI
     """The instrument that `settings` name, or the only one of `kinds`; raises `DeviceNotFoundError`."""
     units = usb_instruments(kinds)
     present = [(f"usb:{usb.path}", usb) for _, usb in units]
-    chosen = only_one(settings, fitting(settings, present, kinds), present, "USB instrument")
+    chosen = only_one(settings, present, kinds, "USB instrument")
     return units[present.index(chosen)]
 
 

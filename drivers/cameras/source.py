@@ -20,7 +20,6 @@ from fieldkit.drivers.identity import (
     Kind,
     UsbIdentity,
     candidates,
-    fitting,
     only_one,
     usb_parent,
 )
@@ -221,7 +220,7 @@ def _pick(settings: DeviceSettings, video: CameraFormat, present: list[Found]) -
     if settings.port and not settings.identity:
         real = os.path.realpath(settings.port)
         return next(((path, usb) for path, usb in present if path == real), (settings.port, NO_USB))
-    return only_one(settings, fitting(settings, present, video.kinds), present, "USB camera")
+    return only_one(settings, present, video.kinds, "USB camera")
 
 
 def _index(node: Path) -> int:

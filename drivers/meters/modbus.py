@@ -159,11 +159,8 @@ class RegisterMap(BaseModel):
         packed = struct.pack(f">{channel.width}H", *raw)
         (number,) = struct.unpack(f">{TYPES[channel.type]}", packed)
         counts = {number, int.from_bytes(packed, "big")}  # a map may write FFFF or -1
-        decimals = (
-            0
-            if channel.decimals_register is None
-            else _as_signed(registers[channel.decimals_register - self.first])
-        )
+        power_at = channel.decimals_register
+        decimals = 0 if power_at is None else _as_signed(registers[power_at - self.first])
         # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
         power = 10.0**decimals if abs(decimals) <= MOST_DECIMALS else math.nan
         value = number / (1 / channel.scale) / power + channel.offset

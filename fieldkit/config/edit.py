@@ -13,7 +13,7 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.files import KeyPath, key_lines, read_text, toml_lines
+from fieldkit.config.files import KeyPath, is_toml, key_lines, read_text, toml_lines
 from fieldkit.config.load import mistakes_in, parse_toml
 from fieldkit.config.template import assignment
 from fieldkit.config.validation import ConfigMistakesError
@@ -98,7 +98,7 @@ def set_key(draft: Draft, table: str, key: str, value: Any) -> None:
     else:
         lines.append(f"\n[{table}]\n{entry}")
     changed = "".join(lines)
-    if not _is_toml(changed) or tomllib.loads(changed).get(table, {}).get(key) != value:
+    if not is_toml(changed) or tomllib.loads(changed).get(table, {}).get(key) != value:
         what = f"has no [{table}] of its own to set {key} in"
         raise ConfigError(what, place=draft.file, fix=f"edit {draft.file} by hand")
     draft.text = changed
@@ -144,17 +144,9 @@ def _around(text: str, index: int) -> tuple[str, str, str]:
 def _end_of_value(lines: list[str], number: int) -> int:
     """The number of the last line of the assignment that begins in line `number`."""
     end = number
-    while not _is_toml("".join(lines[number - 1 : end])):
+    while not is_toml("".join(lines[number - 1 : end])):
         end += 1
     return end
-
-
-def _is_toml(text: str) -> bool:
-    try:
-        tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        return False
-    return True
 
 
 def _assignments(table: Mapping[str, Any]) -> str:

@@ -91,6 +91,15 @@ def toml_lines(text: str) -> list[str]:
     return list(io.StringIO(text, newline=""))
 
 
+def is_toml(text: str) -> bool:
+    """True if a text is TOML."""
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Every table header and assignment, with the number of its first line."""
     first, piece = 0, ""
@@ -99,12 +108,9 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
         if not piece and (not line.strip() or line.lstrip().startswith("#")):
             continue
         first, piece = (first, f"{piece}\n{line}") if piece else (number, line)
-        try:
-            tomllib.loads(piece)
-        except tomllib.TOMLDecodeError:
-            continue
-        yield first, piece
-        piece = ""
+        if is_toml(piece):
+            yield first, piece
+            piece = ""
 
 
 def _open_table(header: str, counts: dict[KeyPath, int]) -> KeyPath:

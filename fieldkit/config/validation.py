@@ -222,12 +222,10 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
 
 def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """Drivers that are not installed here: allowed in a session from elsewhere, not in a campaign."""
-    others = table_in(document, "device")
-    tables: list[tuple[KeyPath, Mapping[str, Any]]] = [
-        ((name,), table_in(document, name)) for name in INSTRUMENTS
-    ]
-    tables += [(("device", name), table_in(others, name)) for name in others]
-    for path, table in tables:
+    devices = table_in(document, "device")
+    named = (((name,), table_in(document, name)) for name in INSTRUMENTS)
+    others = ((("device", name), table_in(devices, name)) for name in devices)
+    for path, table in (*named, *others):
         name = table.get("driver")
         if not isinstance(name, str) or name in registry.BUILT_IN or name in (installed := registry.names()):
             continue

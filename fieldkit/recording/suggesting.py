@@ -89,9 +89,8 @@ def suggestions_in(
         SuggestedRegion(_outline(level if bed is reference else next(free), bed, bed is reference), bed)
         for bed in beds
     ]
-    return sorted(
-        suggestions, key=lambda suggestion: suggestion.area is not reference
-    )  # no configuration has targets alone
+    # no configuration has targets alone
+    return sorted(suggestions, key=lambda suggestion: suggestion.area is not reference)
 
 
 def add_suggested(draft: Draft, suggestions: Iterable[SuggestedRegion]) -> None:
