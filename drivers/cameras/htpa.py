@@ -133,7 +133,7 @@ class Htpa(CameraDriver):
 
     name = "htpa"
     title = "Heimann HTPA32x32d"
-    noise_k = 0.2
+    noise_k: float = 0.2
     host_port = PORT
     options: tuple[str, ...] = camera.OPTIONS
 

@@ -147,7 +147,7 @@ class Mlx90640(SerialDriver):
     quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "baud", "rate_hz", "emissivity")
     layout = LAYOUT
-    noise_k = 0.2  # datasheet: 0.1 K at one frame a second, and grows with the square root of the rate
+    noise_k: float = 0.2  # datasheet: 0.1 K at one frame a second, and grows with the square root of the rate
     probes = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:

@@ -145,7 +145,7 @@ class CameraDriver:
     quantity = "brightness_temperature"
     video: CameraFormat = NO_FORMAT
     caveat = ""
-    noise_k = 0.1
+    noise_k: float = 0.1
     """Of a pixel in one frame: the makers of microbolometers state less."""
 
     def find(self) -> list[DiscoveredDevice]:

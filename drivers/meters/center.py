@@ -173,7 +173,7 @@ class Center309(SerialDriver):
     quantity = "temperature"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
-    probes = (Probe(LINE, b"A"),)
+    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, request the model, and wait for one record."""
@@ -297,7 +297,7 @@ class Center303(SerialDriver):
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "model")
-    probes = (Probe(LINE, b"A"),)
+    probes: Sequence[Probe] = (Probe(LINE, b"A"),)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""

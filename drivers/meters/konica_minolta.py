@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import reduce
 from operator import xor
 
@@ -174,7 +175,7 @@ class KonicaMinolta(SerialDriver):
     options: tuple[str, ...] = (*meter.OPTIONS, "model", "head")
     layout = LAYOUT
     kinds = KINDS
-    probes = (Probe(LINE, pack_request(0, "54", "1")),)
+    probes: Sequence[Probe] = (Probe(LINE, pack_request(0, "54", "1")),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and put the meter into its PC mode."""

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -113,7 +114,7 @@ class Lutron(SerialDriver):
     quantity = "illuminance"
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
-    probes = (Probe(LINE),)
+    probes: Sequence[Probe] = (Probe(LINE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the records of all displays, which show what the meter measures."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, date, datetime, time
 from functools import reduce
@@ -133,7 +133,7 @@ class Nmea(SerialDriver):
     title = "NMEA 0183 receiver (position, time)"
     quantity = "position"
     options: tuple[str, ...] = (*meter.OPTIONS, "baud")
-    probes = (Probe(LINE),)
+    probes: Sequence[Probe] = (Probe(LINE),)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""

@@ -24,6 +24,7 @@ the end of the largest range is flagged.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.framing import Line
@@ -89,7 +90,7 @@ class Pce174(SerialDriver):
     options: tuple[str, ...] = meter.OPTIONS
     layout = LAYOUT
     kinds = KINDS
-    probes = (Probe(LINE, ASK_LIVE),)
+    probes: Sequence[Probe] = (Probe(LINE, ASK_LIVE),)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""

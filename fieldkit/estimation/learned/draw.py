@@ -37,14 +37,14 @@ class Draw:
         self.proposal = proposal
         self.points: FloatArray = proposal.draw(count)
         self.around = around
-        self.taken = 0
+        self.taken: int = 0
         self.errors: ErrorSums = ErrorSums()
         self._session = 0
         self._starts = [
             Start(minutes[0], logged, centre, noise_of(minutes, settings.noise_k))
             for (logged, minutes), centre in zip(sessions, around, strict=True)
         ]
-        self.filters = Filters(layout, hypotheses(self.points, settings), settings, self._starts[0])
+        self.filters: Filters = Filters(layout, hypotheses(self.points, settings), settings, self._starts[0])
 
     def take(self, sessions: Sequence[Recorded], most: int | None = None) -> None:
         """Take the next minutes, all that are left or `most` of them."""
