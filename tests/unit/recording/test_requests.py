@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from fieldkit.estimation.region_check import CameraView
 from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
 from fieldkit.model.next_step import Action
@@ -213,6 +214,9 @@ def test_a_time_without_a_zone_is_not_guessed(folder, clock):
     assert event.time_ns == NOON_NS
 
 
+VIEWS, SITE = {"": CameraView((120, 160))}, Site(37.7, -105.9, 2317.0)
+
+
 @pytest.fixture
 def bed():
     return Region("b15", RegionKind.TARGET, ((60.0, 60.0), (89.0, 60.0), (89.0, 89.0), (60.0, 89.0)), 15.0)
@@ -224,7 +228,7 @@ def regions_of(items):
 
 def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
     number = send(folder, NewRegions.of((bed,)))
-    reader = RequestReader(folder, clock, Redrawing((), {"": (120, 160)}, Site(37.7, -105.9, 2317.0)))
+    reader = RequestReader(folder, clock, Redrawing((), VIEWS, SITE))
     record, event = reader()
     assert (repr(record.region), record.time_ns) == (repr(bed), NOON_NS + 60 * 10**9)
     assert event.data == {"request": number, "from_ns": record.time_ns, "added": ["b15"]}
@@ -242,7 +246,7 @@ def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
 )
 def test_a_bad_region_is_refused_and_the_others_stay(folder, clock, bed, corners, why):
     flat = Region("flat", RegionKind.REFERENCE, ((10, 10), (40, 10), (40, 40), (10, 40)))
-    redrawing = Redrawing((flat,), {"": (120, 160)}, Site(37.7, -105.9, 2317.0))
+    redrawing = Redrawing((flat,), VIEWS, SITE)
     number = send(folder, NewRegions.of((flat, replace(bed, points_px=corners))))
     (event,) = RequestReader(folder, clock, redrawing)()
     assert (event.kind, event.severity) == (EventKind.REGION, Severity.WARNING)
@@ -257,7 +261,7 @@ def test_regions_that_could_not_be_stored_come_again_and_those_stored_stay(folde
         replace(bed, name=f"b{n}", points_px=((n, 0), (n + 20, 0), (n + 20, 20), (n, 20))) for n in (0, 30)
     )
     send(folder, NewRegions.of(beds))
-    reader = RequestReader(folder, clock, Redrawing((), {"": (120, 160)}, Site(37.7, -105.9, 2317.0)))
+    reader = RequestReader(folder, clock, Redrawing((), VIEWS, SITE))
     items = reader()
     assert [next(items).region.name, next(items).region.name] == ["b0", "b30"]
     items.close()  # the second was not stored

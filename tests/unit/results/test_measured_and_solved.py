@@ -60,6 +60,8 @@ OTHER = {
     "diffuse_fraction": 0.4,
     "prior": Prior(gain_sd=0.2),
     "body": "mars",
+    "air": "model",
+    "kind": "wall",
     "limits": {"surface_temperature": (175.0, 285.0)},
     "confidence": 0.8,
     "camera_path": CameraPath(Trajectory((0,), ((0.0, 0.0, 2.0),), ((0.0, 0.0, 0.0, 1.0),)), 50.0, (), 0.0),
