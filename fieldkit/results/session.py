@@ -173,7 +173,7 @@ class Session(SessionReader):
     Slopes of every region, of every pixel, and those of the recording itself:
 
     >>> session.estimate()["b15"]
-    <b15: tilt 14.9° (9.3 to 25.3), azimuth 180°, uncertain>
+    <b15: tilt 14.7° (8.4 to 28.9), azimuth 183°, uncertain>
     >>> session.slope_map("all")
     <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
     >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())

@@ -350,7 +350,7 @@ def slope_map(
     >>> slopes
     <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
-    [('flat', 3), ('b05', 6), ('b15', 16), ('b25', 26)]
+    [('flat', 4), ('b05', 6), ('b15', 16), ('b25', 26)]
     """
     with reading(session) as opened:
         return _map_session(opened, window, tuple(settings_from(settings)), present, on_progress)
