@@ -283,7 +283,7 @@ def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
 
 def _latency(path: str, sysfs: Path) -> Iterator[Finding]:
     timer_ms = text_in(sysfs / "class/tty" / Path(path).name / "device/latency_timer")
-    if timer_ms and int(timer_ms) > SLOW_LATENCY_MS:
+    if timer_ms.isdigit() and int(timer_ms) > SLOW_LATENCY_MS:
         yield Finding("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
 
 

@@ -535,8 +535,9 @@ class History:
         return self.only(schedule.at(last)), schedule.regions_at(last)
 
     def averaged(self, minutes: int, holds: BoolArray) -> tuple[History, BoolArray]:
-        """Means of temperatures, sun and weather over each so many minutes, but for those of the last minute,
-        and where a condition `holds` (n,) in all of a mean's.
+        """Means over groups of `minutes`, without the group of the last minute, which is still open.
+
+        Temperatures, sun and weather; and for each mean whether a condition, `holds` (n,), is met throughout.
         """
         group = self.minute // minutes
         past = self.at(np.flatnonzero(group < group.max(initial=0)))

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.disturbances import UNCOOLED_K
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.light_gaps import GapLight, light_at
 from fieldkit.estimation.region_temperatures import difference_covariance_k2
@@ -33,11 +34,6 @@ Judged: because the slowest store of a layer keeps 0.38 of its heat over that ti
 is as unknown as before a session.
 """
 EVERY_REGION = slice(None)
-UNCOOLED_K = 0.4
-"""Cooling against the other regions that a shade exceeds in its first whole minute.
-
-Judged: because a board does even in thin sun, on dry sand by several times, and gusts hardly ever do.
-"""
 LOOK_BACK = 5
 """Minutes before a shade with which its first whole one is compared.
 
@@ -309,7 +305,7 @@ def shade(history: History, layout: Layout) -> BoolArray:
 
 
 def _drop_contradicted(flagged: BoolArray, history: History, layout: Layout) -> None:
-    """Take the flags of shades in which a region, in the sun, cools no more than those without one."""
+    """Clear the flags of shades in whose first whole minute a region cools no more than the unshaded ones."""
     kelvin = history.temperature_k[:, layout.columns]
     begins = flagged & ~np.vstack([np.zeros_like(flagged[:1]), flagged[:-1]])
     for row, region in np.argwhere(begins):

@@ -26,7 +26,7 @@ from fieldkit.physics.facet import tilt_azimuth
 ROUND, FOLLOWING, AT_ONCE = 64, 128, 256
 """Hypotheses of a round that seeks where they count, of those that follow the minutes, and of all at once.
 
-Judged: because means of so many scatter by 0.1, 0.06 and 0.04 of a half-width in the minutes that ask most.
+Judged: because means of so many scatter by less than a tenth of a half-width, of the last by a fortieth.
 """
 FIRST_DRAW = 5
 """Minutes before the first hypotheses are judged.
@@ -192,7 +192,7 @@ class Learner:
         return Draw(self.layout, self.settings, proposal, count, self._sessions, around)
 
     def _drawn_anew(self, count: int, densities: Sequence[Density]) -> Draw:
-        """Hypotheses where those of some draws count, before the first minute."""
+        """Hypotheses fitted to the densities of some draws, which have taken no minute yet."""
         points, log_densities = (np.concatenate(arrays) for arrays in zip(*densities, strict=True))
         return self._drawn(Proposal.fit(points, log_densities), count, self._centres())
 

@@ -52,7 +52,7 @@ def settled(history: History) -> int:
 
 
 def light_at(history: History, row: int) -> GapLight:
-    """Light of a row, which is read, between two readings, or after the last one."""
+    """Light of a row: as read, between two readings, or held from the last one; one must come before it."""
     direct = _direct(history)
     columns = direct, history.dhi_w_m2, history.longwave_down_w_m2
     held = GapLight(*(_last(column, row) for column in columns))

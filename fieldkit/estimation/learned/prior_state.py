@@ -138,7 +138,7 @@ def processes(
 def air_change_k(hypotheses: Hypotheses, prior: Prior, is_logged: bool) -> FloatArray:
     """Standard deviation (p,) of the drive of the air's changes, K.
 
-    Those of an air that nobody logs are one flux into the ground under every hypothesis, at whatever unrest.
+    Without a log they are one flux into the ground under every hypothesis, at whatever unrest.
     """
     if is_logged:
         return SMOOTHED * hypotheses.unrest * AIR_NOISE_K
