@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import gzip
 import hashlib
 import os
@@ -141,9 +140,14 @@ def sha256(path: Path) -> str:
 def one_at_a_time(folder: Path) -> Iterator[None]:
     """Wait until no other process changes files of a folder in this way; raises `OSError` without the folder.
 
-    The kernel lets go of the lock when its process dies. A network drive may not know locks of folders: there
-    the block runs unlocked.
+    The kernel lets go of the lock when its process dies. A network drive, or Windows, may not know locks of
+    folders: there the block runs unlocked.
     """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with contextlib.suppress(OSError):

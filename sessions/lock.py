@@ -5,7 +5,6 @@ So a lock is never stale; the file's text names the process that holds it.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import time
 from contextlib import suppress
@@ -62,7 +61,7 @@ def _lock(descriptor: int) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while True:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _flock(descriptor, "LOCK_EX")
             return
         except OSError:
             if time.monotonic() > deadline:
@@ -70,14 +69,25 @@ def _lock(descriptor: int) -> None:
         time.sleep(PATIENCE_S / 100)
 
 
+def _flock(descriptor: int, operation: str) -> None:
+    """Raises `OSError` when another process holds the lock, `RefusedError` where the system has no such locks."""
+    try:
+        import fcntl
+    except ImportError as error:
+        raise RefusedError("sessions are written on Linux only", fix="read, estimate and report here") from error
+    fcntl.flock(descriptor, getattr(fcntl, operation) | fcntl.LOCK_NB)
+
+
 def is_locked(folder: Path, name: str = RECORDING) -> bool:
     """True if a living process is recording the session of a journal folder, or holds another lock there."""
     try:
-        descriptor = os.open(folder / name, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would wait
+        descriptor = os.open(folder / name, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe would wait
     except OSError:
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        _flock(descriptor, "LOCK_SH")
+    except RefusedError:
+        return False
     except OSError:
         return True
     finally:
