@@ -70,11 +70,12 @@ def _lock(descriptor: int) -> None:
 
 
 def _flock(descriptor: int, operation: str) -> None:
-    """Raises `OSError` when another process holds the lock, `RefusedError` where the system has no such locks."""
+    """Raises `OSError` when another process holds it, `RefusedError` where the system has no such locks."""
     try:
         import fcntl
     except ImportError as error:
-        raise RefusedError("sessions are written on Linux only", fix="read, estimate and report here") from error
+        fix = "here sessions can be read, estimated and reported"
+        raise RefusedError("sessions are recorded and recovered on Linux", fix=fix) from error
     fcntl.flock(descriptor, getattr(fcntl, operation) | fcntl.LOCK_NB)
 
 

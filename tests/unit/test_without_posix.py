@@ -23,9 +23,9 @@ for module in Absent.MODULES:
     sys.modules.pop(module, None)
 sys.meta_path.insert(0, Absent())
 ABSENT = {
-    os: "fork geteuid getuid killpg setsid statvfs sched_getaffinity posix_fadvise posix_fallocate O_DIRECTORY "
-        "O_PATH O_NOFOLLOW O_CLOEXEC O_NONBLOCK mkfifo uname pread pwrite fchmod fdatasync memfd_create nice",
-    signal: "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT pthread_sigmask setitimer sigwait",
+    os: "fork geteuid getuid killpg setsid statvfs sched_getaffinity posix_fadvise posix_fallocate "
+        "O_DIRECTORY O_PATH O_NOFOLLOW O_CLOEXEC O_NONBLOCK mkfifo uname pread pwrite fchmod fdatasync memfd_create nice",
+    signal: "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT pthread_sigmask setitimer",
     select: "poll epoll",
     socket: "AF_UNIX",
     time: "clock_gettime clock_gettime_ns CLOCK_REALTIME CLOCK_MONOTONIC CLOCK_BOOTTIME tzset",
