@@ -24,7 +24,8 @@ for module in Absent.MODULES:
 sys.meta_path.insert(0, Absent())
 ABSENT = {
     os: "fork geteuid getuid killpg setsid statvfs sched_getaffinity posix_fadvise posix_fallocate "
-        "O_DIRECTORY O_PATH O_NOFOLLOW O_CLOEXEC O_NONBLOCK mkfifo uname pread pwrite fchmod fdatasync memfd_create nice",
+        "O_DIRECTORY O_PATH O_NOFOLLOW O_CLOEXEC O_NONBLOCK mkfifo uname pread pwrite fchmod fdatasync "
+        "memfd_create nice",
     signal: "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT pthread_sigmask setitimer",
     select: "poll epoll",
     socket: "AF_UNIX",
