@@ -109,13 +109,13 @@ class Case:
         yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, note)
 
     def _refusals(self) -> str:
-        """How many estimates there are, how many are refused and why, and how many are called uncertain."""
+        """How many estimates there are, how many are refused and why, and how many are called wide."""
         states = [slope.state for slope, _ in self.estimates]
         refusals = [state.name.lower() for state in states if state not in SOLVED]
         reasons = ", ".join(f"{refusals.count(name)} {name}" for name in sorted(set(refusals)))
-        uncertain = sum(state in SOLVED and state not in CERTAIN for state in states)
+        wide = sum(state in SOLVED and state not in CERTAIN for state in states)
         words = f"refused {len(refusals)}{f' ({reasons})' if reasons else ''}"
-        return f"{len(states)} estimates, {words}, {uncertain} uncertain or not resolved"
+        return f"{len(states)} estimates, {words}, {wide} wide or not resolved"
 
 
 def _average(average: Callable[[Sequence[float]], Any], values: Sequence[float]) -> float:

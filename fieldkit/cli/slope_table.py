@@ -42,8 +42,8 @@ def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
             f"±: larger half of the {sure} region, "
             "with systematic uncertainties of scale and offset; noise: without"
         )
-    if any(slope.state is SlopeState.UNCERTAIN for slope in solved):
-        common.say(f"uncertain: {formatting.uncertain_means(sure)}")
+    if any(slope.state is SlopeState.WIDE for slope in solved):
+        common.say(f"wide: {formatting.wide_means(sure)}")
     if any(slope.model.startswith("paper") and "azimuth known" not in slope.model for slope in solved):
         common.say(formatting.PAPER_OMITS)
 

@@ -390,19 +390,19 @@ class _Group:
         sure = percent(filled.confidence)
         if high >= limit:
             reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
-            return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
+            return replace(filled, state=SlopeState.WIDE, reason=reason)
         if unusual := self._unusual():
-            return replace(filled, state=SlopeState.UNCERTAIN, reason=unusual)
+            return replace(filled, state=SlopeState.WIDE, reason=unusual)
         if slope.ends_deg[1] <= 0.0:
             reason = (
                 f"it leans the other way, {-slope.ends_deg[1]:.1f}° at least ({sure}): is the azimuth right?"
             )
-            return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
+            return replace(filled, state=SlopeState.WIDE, reason=reason)
         # by both sides: what is cut for display is judged before
         if is_too_wide(filled.tilt_deg, *slope.ends_deg):
             advice = self._advice(index, 0.5 * (high - low))
             reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
-            return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
+            return replace(filled, state=SlopeState.WIDE, reason=reason)
         if slope.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)

@@ -318,7 +318,7 @@ def _state(
         return SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
     if is_too_wide(float(tilt_azimuth(best)[0]), whole.tilt_low_deg, whole.tilt_high_deg):
         low, high = whole.tilt_low_deg, whole.tilt_high_deg
-        return SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits ({percent(confidence)})"
+        return SlopeState.WIDE, f"anything from {low:.1f}° to {high:.1f}° fits ({percent(confidence)})"
     if whole.vertical:
         return SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
     return SlopeState.OK, ""

@@ -350,7 +350,7 @@ def posterior(
 def with_bounds(
     slopes: SlopeMap, likelihood: PixelPosterior, settings: EstimatorSettings
 ) -> tuple[SlopeMap, PixelBounds]:
-    """The map with the states `FLAT` and `UNCERTAIN` by the rules of regions, and its pixels' bounds."""
+    """The map with the states `FLAT` and `WIDE` by the rules of regions, and its pixels' bounds."""
     is_known = likelihood.known
     tilt, azimuth = (angle[is_known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
     at, covariance, axes = likelihood.at, likelihood.covariance, likelihood.axes
@@ -384,7 +384,7 @@ def _within_limit(slopes: SlopeMap, bounds: SingleArray, limit_deg: float) -> Sl
     """Pixels beyond the tilt limit: on it where their bounds reach it, else, with their bounds, NaN."""
     state, tilt, azimuth = slopes.state.copy(), slopes.tilt_deg.copy(), slopes.azimuth_deg.copy()
     is_beyond = tilt > limit_deg
-    state[is_beyond] = SlopeState.UNCERTAIN
+    state[is_beyond] = SlopeState.WIDE
     tilt[is_beyond] = limit_deg
     refused = bounds[0] > limit_deg
     state[refused] = SlopeState.NO_INTERSECTION
@@ -450,5 +450,5 @@ def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> BoolArra
 def _with_states(slopes: SlopeMap, bounds: SingleArray, is_flat: BoolArray) -> SlopeMap:
     state, is_ok = slopes.state.copy(), slopes.state == SlopeState.OK
     state[is_ok & is_flat] = SlopeState.FLAT
-    state[is_ok & is_too_wide(slopes.tilt_deg, bounds[0], bounds[1])] = SlopeState.UNCERTAIN
+    state[is_ok & is_too_wide(slopes.tilt_deg, bounds[0], bounds[1])] = SlopeState.WIDE
     return replace(slopes, state=state)

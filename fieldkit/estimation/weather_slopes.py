@@ -339,4 +339,4 @@ def _with_state(filled: SlopeEstimate, settings: EstimatorSettings) -> SlopeEsti
         "state surface.albedo": settings.prior.gain_sd > UNSTATED_GAIN_SD,
     }
     reason = "; ".join(words for words, applies in causes.items() if applies)
-    return replace(filled, state=SlopeState.UNCERTAIN if reason else SlopeState.OK, reason=reason)
+    return replace(filled, state=SlopeState.WIDE if reason else SlopeState.OK, reason=reason)

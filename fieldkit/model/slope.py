@@ -35,12 +35,12 @@ class SlopeState(NumberedEnum):
     LOW_SUN = 6
     SHADED = 7
     NO_DATA = 8  # no frames, no irradiance or no reference in the window
-    UNCERTAIN = 9  # one slope fits, but its likelihood region is too wide to rely on (`is_too_wide`)
+    WIDE = 9  # one slope fits, but its likelihood region is too wide to rely on (`is_too_wide`)
 
 
 CERTAIN = (SlopeState.OK, SlopeState.FLAT)
 """States of a slope that may be relied on as it stands."""
-SOLVED = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
+SOLVED = (*CERTAIN, SlopeState.WIDE, SlopeState.NOT_RESOLVED)
 """States with a slope estimated at that very minute; only these count in mean errors."""
 WITH_SLOPE = (*SOLVED, SlopeState.HELD_CLOUD)
 """States with a slope: a held one is an earlier estimate."""
@@ -52,7 +52,7 @@ CERTAIN_SHARE = 0.2
 
 
 def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> BoolArray:
-    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN."""
+    """True if a tilt with these bounds of its likelihood region is wide; true if a bound is NaN."""
     width = np.subtract(high_deg, low_deg)
     return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
 

@@ -167,14 +167,14 @@ class Experiments:
         return self.session.start_ns + minutes * MINUTE_NS, halves
 
     def verdict(self, experiment: Experiment) -> str:
-        """``good``, or the targets that stay uncertain or that two slopes fit."""
+        """``good``, or the targets that stay wide or that two slopes fit."""
         tilts = np.array([tilt for tilt, _ in self.session.facets])
         halves = np.array(experiment.half_region_deg)
         two, is_known = np.array(experiment.not_resolved), np.array(experiment.known)
         wide = is_too_wide(tilts, np.maximum(tilts - halves, 0.0), tilts + halves) & ~two & ~is_known
         words = [
             f"{word} for {', '.join(label(self.session.facets[target]) for target in np.flatnonzero(chosen))}"
-            for word, chosen in (("two slopes", two), ("uncertain", wide))
+            for word, chosen in (("two slopes", two), ("wide", wide))
             if chosen.any()
         ]
         return "; ".join(words) or "good"

@@ -167,7 +167,7 @@ def history_of(field: FieldMinutes, site: Site) -> History:
     >>> beds = [fieldkit.Region("flat", reference, (), 0.0, 0.0), fieldkit.Region("b15", target, ())]
     >>> settings = fieldkit.estimation.settings.EstimatorSettings(model="full")
     >>> fieldkit.estimation.chain.SlopeChain(beds, settings).at(noon).slopes
-    (<b15: tilt 16.6° (11.4 to 24.0), azimuth 183°, uncertain>,)
+    (<b15: tilt 16.6° (11.4 to 24.0), azimuth 183°, wide>,)
     """
     return History(
         minute=field.time_ns // MINUTE_NS,

@@ -77,13 +77,13 @@ def estimate(
     --------
     >>> estimates = fieldkit.estimate(session, model="full", albedo=0.25)
     >>> estimates["b15"]
-    <b15: tilt 15.8° (10.6 to 31.1), azimuth 180°, uncertain>
+    <b15: tilt 15.8° (10.6 to 31.1), azimuth 180°, wide>
     >>> estimates.to_frame()[["region", "tilt_deg", "state"]].round(1).tail(3)
                               region  tilt_deg      state
     time
-    2016-01-01 19:20:30+00:00    b05       5.1  uncertain
-    2016-01-01 19:20:30+00:00    b15      15.8  uncertain
-    2016-01-01 19:20:30+00:00    b25      26.7  uncertain
+    2016-01-01 19:20:30+00:00    b05       5.1       wide
+    2016-01-01 19:20:30+00:00    b15      15.8       wide
+    2016-01-01 19:20:30+00:00    b25      26.7       wide
     """
     keys = {**(settings or {}), **values}
     if model is not None:

@@ -348,7 +348,7 @@ def slope_map(
     --------
     >>> slopes = fieldkit.slope_map(session, "all")
     >>> slopes
-    <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
+    <MappedSession 20160101T190001Z-noon: 20 min, 100% wide>
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
     [('flat', 4), ('b05', 6), ('b15', 16), ('b25', 26)]
     """
@@ -566,10 +566,10 @@ def surface_of_pixels(
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
-    """Outside the regions the ground may differ from the reference's material: uncertain."""
+    """Outside the regions the ground may differ from the reference's material: wide."""
     state = slopes.state.copy()
     in_region = np.any([region.mask((state.shape[0], state.shape[1])) for region in regions], axis=0)
-    state[~in_region & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
+    state[~in_region & np.isin(state, CERTAIN)] = SlopeState.WIDE
     return replace(slopes, state=state)
 
 

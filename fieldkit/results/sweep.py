@@ -97,7 +97,7 @@ class Sweep:
         return {
             "best": self.best,
             "error_deg": ranking.error_deg[ranking.best],
-            **attributes(ranking, "worst_deg", "same_choice", "uncertain_share", "warnings"),
+            **attributes(ranking, "worst_deg", "same_choice", "wide_share", "warnings"),
             "left_out_deg": ranking.cross_validated_deg,
             "sessions": ranking.folds,
             "sessions_without_slopes": ranking.unranked,
@@ -347,7 +347,7 @@ class Ranking:
     `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of the best.
     `cross_validated_deg` is the mean error of sessions under the parameters chosen from the other
     sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice was the best set
-    itself. `uncertain_share` of the best set's slopes are uncertain. `unranked` are the sessions in
+    itself. `wide_share` of the best set's slopes are wide. `unranked` are the sessions in
     which no ranked set has an error.
     """
 
@@ -358,7 +358,7 @@ class Ranking:
     same_choice: int
     folds: int
     effects: tuple[Effect, ...]
-    uncertain_share: float
+    wide_share: float
     unranked: tuple[str, ...]
 
     @property
@@ -390,9 +390,9 @@ class Ranking:
             warnings.append(
                 f"not ranked, without a slope of a region of known tilt: {', '.join(self.unranked)}"
             )
-        if self.uncertain_share > 0.0:
+        if self.wide_share > 0.0:
             warnings.append(
-                f"{self.uncertain_share:.0%} of the best set's slopes are uncertain: their likelihood "
+                f"{self.wide_share:.0%} of the best set's slopes are wide: their likelihood "
                 "regions are wide however small the errors came out"
             )
         warnings.extend(
@@ -407,14 +407,14 @@ def rank(
     error_deg: FloatArray,
     worst_deg: FloatArray,
     solved: IntArray,
-    uncertain: IntArray,
+    wide: IntArray,
     grid: Grid,
     names: Sequence[str],
 ) -> Ranking | None:
     """Rank sets (rows) by their errors in sessions (columns), degrees, NaN where nothing is known.
 
     `worst_deg` and `solved` are the largest error and the number of solved slopes, of the same shape,
-    `uncertain` how many of these are; the rows are the sets of `grid`, `names` the sessions. None if no
+    `wide` how many of these are; the rows are the sets of `grid`, `names` the sessions. None if no
     set has an error.
     """
     sparse = solved.sum(axis=1) < LEAST_SOLVED * solved.sum(axis=1).max(initial=0)
@@ -439,7 +439,7 @@ def rank(
         same_choice=same,
         folds=sessions.size,
         effects=tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied_parameters),
-        uncertain_share=float(uncertain[best].sum() / solved[best].sum()),
+        wide_share=float(wide[best].sum() / solved[best].sum()),
         unranked=unranked,
     )
 
@@ -493,15 +493,15 @@ class SweepTable:
         """The sets by their errors; None if no region of known tilt was solved."""
         shape = len(self._grid.sets), len(self._names)
         error, worst = np.full((2, *shape), np.nan)
-        solved, uncertain = np.zeros((2, *shape), np.int64)
+        solved, wide = np.zeros((2, *shape), np.int64)
         for (place, number), regions in self._rows.items():
             known_rows = [row for row in regions if np.isfinite(row["median_abs_error_deg"])]
             solved[number, place] = sum(row["answered"] for row in known_rows)
-            uncertain[number, place] = sum(row["uncertain"] for row in known_rows)
+            wide[number, place] = sum(row["wide"] for row in known_rows)
             if known_rows:
                 error[number, place] = np.mean([row["median_abs_error_deg"] for row in known_rows])
                 worst[number, place] = max(row["worst_abs_error_deg"] for row in known_rows)
-        return rank(error, worst, solved, uncertain, self._grid, tuple(self._names.values()))
+        return rank(error, worst, solved, wide, self._grid, tuple(self._names.values()))
 
     def _values(self, number: int) -> dict[str, Any]:
         """The parameters of a set: numbers where all values of the key are, else as written."""
@@ -521,7 +521,7 @@ def _region_row(region: Region, rows: TableArray) -> dict[str, Any]:
         "true_tilt_deg": region.tilt_deg,
         "minutes": int(rows.size),
         "answered": int(answered.size),
-        "uncertain": int(np.count_nonzero(rows["state"] == SlopeState.UNCERTAIN)),
+        "wide": int(np.count_nonzero(rows["state"] == SlopeState.WIDE)),
         "median_tilt_deg": float(np.median(tilt)) if tilt.size else float("nan"),
         "mean_error_deg": float(np.mean(tilt) - region.tilt_deg) if is_known else float("nan"),
         "mean_abs_error_deg": float(np.mean(error)) if is_known else float("nan"),

@@ -35,7 +35,7 @@ _PREFIXES = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "
 _STATES = {
     SlopeState.OK: "ok",
     SlopeState.TOO_FEW: "too few minutes yet",
-    SlopeState.UNCERTAIN: "uncertain",
+    SlopeState.WIDE: "wide",
     SlopeState.NOT_RESOLVED: "not resolved",
     SlopeState.NO_INTERSECTION: "no intersection",
     SlopeState.HELD_CLOUD: "held: cloud",
@@ -126,8 +126,8 @@ def confidence(estimates: Iterable[SlopeEstimate]) -> str:
     )
 
 
-def uncertain_means(sure: str) -> str:
-    """Meaning of the state ``uncertain``, where regions have a `confidence`."""
+def wide_means(sure: str) -> str:
+    """Meaning of the state ``wide``, where regions have a `confidence`."""
     return f"the {sure} region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
 
 

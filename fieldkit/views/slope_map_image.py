@@ -30,7 +30,7 @@ LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG = 45.0, 315.0
 MEANINGS = {
     SlopeState.OK: "slope known",
     SlopeState.FLAT: "flat, faces nowhere",
-    SlopeState.UNCERTAIN: "uncertain, or no region",
+    SlopeState.WIDE: "wide, or no region",
     SlopeState.TOO_FEW: "too few minutes",
     SlopeState.NOT_RESOLVED: "two slopes fit, flatter shown",
     SlopeState.NO_INTERSECTION: "no slope explains it",
@@ -172,9 +172,9 @@ def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
 
 
 def hatch(canvas: Colours, state: ByteArray) -> None:
-    """Strokes at one slant for two slopes that fit, at the other for none, dots for an uncertain one."""
+    """Strokes at one slant for two slopes that fit, at the other for none, dots for a wide one."""
     rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
-    canvas[(state == SlopeState.UNCERTAIN) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
+    canvas[(state == SlopeState.WIDE) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
     canvas[(state == SlopeState.NOT_RESOLVED) & ((rows + cols) % 8 == 0)] = BLACK
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 

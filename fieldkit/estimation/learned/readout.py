@@ -42,7 +42,7 @@ MOST_MISFIT = 4.0
 Judged: because the stated deviations are then half of the true ones.
 """
 SURPRISING_SDS = 2.5
-"""Prior deviations of a learnt parameter from which slopes are uncertain.
+"""Prior deviations of a learnt parameter from which slopes are wide.
 
 Judged: because of five parameters that are as stated, one is so far off in one session of sixteen.
 """

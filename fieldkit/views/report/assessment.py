@@ -68,8 +68,8 @@ def _headline(columns: Series) -> str:
         sentence = _all_held([target.final_estimate for target in estimated if target.final_estimate])
     else:
         sentence = _certain_sentence(len(certain), len(columns.targets))
-        if uncertain := [target for target in estimated if target not in certain]:
-            sentence += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
+        if wide := [target for target in estimated if target not in certain]:
+            sentence += f" Wide: {', '.join(map(_with_second_branch, wide))}."
         sentence = f"{sentence} {truths_held(columns)}".strip()
     if not off:
         return f"{sentence} No true tilts were given to compare with."

@@ -76,9 +76,9 @@ def _headline(parts: Sequence[Part]) -> str:
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(error).sum())
     mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
-    uncertain = sum(target.uncertain for target in targets)
-    meaning = formatting.uncertain_means(_confidence(parts))
-    return f"{mean_words}, of which {uncertain} are uncertain: {meaning}."
+    wide = sum(target.wide for target in targets)
+    meaning = formatting.wide_means(_confidence(parts))
+    return f"{mean_words}, of which {wide} are wide: {meaning}."
 
 
 def _confidence(parts: Sequence[Part]) -> str:
@@ -92,10 +92,10 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
     sure = _confidence(parts)
     caption = (
         f"Tilt: the final one ± the larger half of its {sure} region. MAE and SD: over the n minutes with an "
-        f"estimate, of which some are uncertain; SD {sd_words(sd)}. RMSE: measured surface temperature "
+        f"estimate, of which some are wide; SD {sd_words(sd)}. RMSE: measured surface temperature "
         " against eq. (7), the reference standing in for air and sky."
     )
-    errors = ("MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
+    errors = ("MAE ± SD °", "n", "wide", "RMSE K", "clouded min")
     return Table(("day", "session", "region", "tilt °", "given", *errors), rows, caption)
 
 
@@ -110,7 +110,7 @@ def _row(part: Part, target: TargetSeries, sd: SdKind) -> list[object]:
         formatting.given_slope(target.region),
         target.error_words(sd),
         int(np.isfinite(target.estimated_tilt_deg).sum()),
-        target.uncertain,
+        target.wide,
         formatting.number(rmse, 2),
         int(part.columns.cloudy.sum()),
     ]

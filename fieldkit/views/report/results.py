@@ -55,7 +55,7 @@ def accuracy(data: ReportData) -> Table:
     has_values = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
         f"The {sure} region {likelihood_words(data.settings)}. "
-        f"Uncertain: {formatting.uncertain_means(sure)}. "
+        f"Wide: {formatting.wide_means(sure)}. "
         f"{' '.join(filter(None, itertools.compress(columns.values(), has_values)))}"
     )
     visible_rows = [list(itertools.compress(row, has_values)) for row in rows]

@@ -84,11 +84,9 @@ class TargetSeries:
         return formatting.tilt(self.final_estimate) if self.final_estimate else formatting.UNKNOWN
 
     @property
-    def uncertain(self) -> int:
+    def wide(self) -> int:
         """Minutes whose region was too wide to rely on their slope."""
-        return sum(
-            estimate is not None and estimate.state is SlopeState.UNCERTAIN for estimate in self.estimates
-        )
+        return sum(estimate is not None and estimate.state is SlopeState.WIDE for estimate in self.estimates)
 
     @property
     def final_estimate(self) -> SlopeEstimate | None:

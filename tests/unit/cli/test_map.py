@@ -62,7 +62,7 @@ def test_the_pixels_of_a_bed_agree_with_the_estimate_of_its_region(slopes, mappe
     assert [estimate["region"] for estimate in slopes] == ["b05", "b15", "b25"]
     for estimate in slopes:
         bed = of_region(mapped, estimate["region"])
-        assert bed["states"] == {estimate["state"]: 1.0} == {"uncertain": 1.0}
+        assert bed["states"] == {estimate["state"]: 1.0} == {"wide": 1.0}
         assert bed["tilt_deg"] == pytest.approx(estimate["tilt_deg"], abs=1.0)
         assert bed["tilt_low_deg"] < bed["tilt_deg"] < bed["tilt_high_deg"]
         found = normal(bed["tilt_deg"], bed["azimuth_deg"])
@@ -80,10 +80,10 @@ def test_a_pixel_is_as_sure_as_the_region_it_lies_in(slopes, mapped):
 
 
 def test_ground_outside_the_regions_is_not_vouched_for(mapped, arrays):
-    assert set(mapped["states"]) == {"flat", "uncertain"}
+    assert set(mapped["states"]) == {"flat", "wide"}
     outside = arrays["region"][:] == 0
     assert outside.mean() > 0.5
-    assert (arrays["state"][:][outside] == SlopeState.UNCERTAIN).all()
+    assert (arrays["state"][:][outside] == SlopeState.WIDE).all()
     tilt = arrays["tilt_deg"][:]
     assert np.isfinite(tilt[outside]).all()  # what fits is still there, if somebody knows better
     for name in ("tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg"):
@@ -147,7 +147,7 @@ def test_beds_steeper_than_the_limit_have_no_slope(session, tmp_path):
     limited = document("map", session, "-o", tmp_path / "x.png", "--set", "estimator.tilt_limit_deg=20")
     assert of_region(limited, "b25")["states"] == {"no_intersection": 1.0}
     assert of_region(limited, "b25")["tilt_deg"] is None
-    assert of_region(limited, "b05")["states"] == {"uncertain": 1.0}
+    assert of_region(limited, "b05")["states"] == {"wide": 1.0}
     assert (tmp_path / "x.png").exists()
     assert (tmp_path / "x.nc").exists()
 

@@ -236,12 +236,12 @@ def test_the_session_leads_and_noise_alone_is_a_footnote(tmp_path):
     lines = run(*AUGUST, "--for", "45m", "--out", str(page)).stdout.splitlines()
     assert lines[1].startswith("after 45 min (")
     # 90 % regions: 10 degrees within 1.96 is wider than 3 degrees, 20 within 4 than a fifth
-    assert lines[1].endswith("tilt ±2.0°  ±4.0° (90 %): uncertain for 10°/180°, 20°/180°")
+    assert lines[1].endswith("tilt ±2.0°  ±4.0° (90 %): wide for 10°/180°, 20°/180°")
     assert lines[2].endswith("with air logged (45 min): ±1.0°  ±1.0°")
     assert [line for line in lines if line.startswith("noise alone")]
     assert "±4.0°" in page.read_text(encoding="utf-8")
     found = document(*AUGUST)
-    assert [one["verdict"] for one in found["experiments"]] == ["uncertain for 10°/180°, 20°/180°", "good"]
+    assert [one["verdict"] for one in found["experiments"]] == ["wide for 10°/180°, 20°/180°", "good"]
     assert (found["session"]["minutes"], found["session"]["logged"]) == (180, [])
 
 

@@ -73,7 +73,7 @@ def test_a_sweep_has_a_row_for_each_session_set_and_bed(swept):
 def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, swept, tmp_path):
     settings = ("--set", "surface.albedo=0.25", "--set", "surface.emissivity=0.88", *PAPER)
     succeed("estimate", recordings, *settings, "-o", tmp_path / "one.csv")
-    solved = ("ok", "flat", "uncertain", "not_resolved")
+    solved = ("ok", "flat", "wide", "not_resolved")
     b25 = [row for row in rows(tmp_path / "one.csv") if (row["session"][-2:], row["region"]) == ("s2", "b25")]
     minutes = [row for row in b25 if row["state"] in solved]
     errors = [float(row["tilt_deg"]) - 25.0 for row in minutes]
@@ -81,7 +81,7 @@ def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, swept, tmp_
     of_set = [row for row in table if (row["surface.albedo"], row["surface.emissivity"]) == ("0.25", "0.88")]
     (row,) = (row for row in of_set if (row["session"][-2:], row["region"]) == ("s2", "b25"))
     assert int(row["answered"]) == len(errors) > 0
-    assert int(row["uncertain"]) == sum(minute["state"] == "uncertain" for minute in minutes) > 0
+    assert int(row["wide"]) == sum(minute["state"] == "wide" for minute in minutes) > 0
     assert float(row["mean_abs_error_deg"]) == pytest.approx(sum(map(abs, errors)) / len(errors), abs=1e-12)
     assert float(row["worst_abs_error_deg"]) == max(map(abs, errors))
 

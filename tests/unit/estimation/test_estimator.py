@@ -133,7 +133,7 @@ def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
     for azimuth in ("known", "free"):
         settings = EstimatorSettings(model="paper", azimuth=azimuth, min_minutes=2)
         states[azimuth] = [minute.estimates[0].state for minute in run(yard, yard.samples(4), settings)]
-    few, ok = SlopeState.TOO_FEW, SlopeState.UNCERTAIN  # two minutes find a tilt, within a wide region
+    few, ok = SlopeState.TOO_FEW, SlopeState.WIDE  # two minutes find a tilt, within a wide region
     assert states["known"] == [few, ok, ok, ok]
     assert states["free"][:2] == [few, few]
     assert few not in states["free"][2:]
@@ -190,9 +190,9 @@ def test_flat_target_is_called_flat(yard):
     assert found.reason.startswith("flat within")
 
 
-def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard, hour):
+def test_a_slope_known_to_a_wide_region_only_is_called_wide(yard, hour):
     for found in slopes_after(yard, hour, offset_sd_k=2.0).values():
-        assert found.state == SlopeState.UNCERTAIN
+        assert found.state == SlopeState.WIDE
         low, high = found.tilt_low_deg, found.tilt_high_deg
         assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
 

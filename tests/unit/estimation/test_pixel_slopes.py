@@ -274,7 +274,7 @@ def test_a_wide_region_is_uncertain_and_systematics_widen_it():
     assert all(width > 1.2 * widths[0] for width in widths[1:])
     # a scale known to a fifth moves a tilt of 15 degrees by three, 2.15 of them either way
     assert widths[1] == pytest.approx(2 * 2.15 * 3.0, rel=0.25)
-    assert (found[1][0].state == SlopeState.UNCERTAIN).all()
+    assert (found[1][0].state == SlopeState.WIDE).all()
 
 
 def test_pixels_without_a_slope_have_no_bounds():

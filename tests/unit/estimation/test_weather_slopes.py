@@ -81,7 +81,7 @@ def test_north_and_south_are_undetermined_where_the_gain_decides(slopes):
     south = slopes["south"]
     assert south.north_high_deg - south.north_low_deg > 30.0
     assert south.east_high_deg - south.east_low_deg < 0.6 * (south.north_high_deg - south.north_low_deg)
-    assert south.state is SlopeState.UNCERTAIN
+    assert south.state is SlopeState.WIDE
     assert "north–south" in south.reason
 
 

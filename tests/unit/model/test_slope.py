@@ -56,7 +56,7 @@ def test_a_slope_held_over_a_cloud_is_as_certain_as_it_was():
     assert is_certain(sure)
     assert not is_certain(replace(sure, tilt_high_deg=20.0))
     assert not is_certain(replace(sure, second_tilt_deg=33.0))
-    assert not is_certain(replace(sure, state=SlopeState.UNCERTAIN))
+    assert not is_certain(replace(sure, state=SlopeState.WIDE))
 
 
 def test_answers_come_in_the_order_of_the_regions_and_only_for_targets():

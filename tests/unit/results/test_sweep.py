@@ -70,13 +70,13 @@ def test_a_key_given_twice_is_refused():
 GRID = read_grid(["a=1,2,3"])
 
 
-def ranking_of(error, answers=None, worst=None, grid=GRID, uncertain=None):
+def ranking_of(error, answers=None, worst=None, grid=GRID, wide=None):
     error = np.array(error, float)
     answers = np.full(error.shape, 10) if answers is None else np.array(answers)
-    uncertain = np.zeros(error.shape, np.int64) if uncertain is None else np.array(uncertain)
+    wide = np.zeros(error.shape, np.int64) if wide is None else np.array(wide)
     worst = error * 2 if worst is None else worst
     names = [f"day-{place + 1}" for place in range(error.shape[1])]
-    return rank(error, worst, answers, uncertain, grid, names)
+    return rank(error, worst, answers, wide, grid, names)
 
 
 def test_the_best_set_has_the_smallest_mean_error_over_sessions():
@@ -148,10 +148,10 @@ def test_nothing_known_gives_no_ranking():
     assert ranking_of(np.full((3, 2), np.nan)) is None
 
 
-def test_a_ranking_says_how_many_of_its_slopes_are_uncertain():
-    found = ranking_of([[3, 3], [1, 1], [2, 2]], uncertain=[[0, 0], [10, 5], [0, 0]])
-    assert found.uncertain_share == 0.75
-    assert found.warnings[0].startswith("75% of the best set's slopes are uncertain")
+def test_a_ranking_says_how_many_of_its_slopes_are_wide():
+    found = ranking_of([[3, 3], [1, 1], [2, 2]], wide=[[0, 0], [10, 5], [0, 0]])
+    assert found.wide_share == 0.75
+    assert found.warnings[0].startswith("75% of the best set's slopes are wide")
 
 
 def test_the_effect_of_a_parameter_is_its_mean_over_the_others():

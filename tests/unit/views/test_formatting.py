@@ -21,7 +21,7 @@ def region(tilt_deg: float, azimuth_deg: float) -> Region:
     return Region("b", RegionKind.TARGET, corners, tilt_deg, azimuth_deg)
 
 
-WIDE = estimate(state=SlopeState.UNCERTAIN, tilt_low_deg=0.0, tilt_high_deg=40.2)
+WIDE = estimate(state=SlopeState.WIDE, tilt_low_deg=0.0, tilt_high_deg=40.2)
 
 
 @pytest.mark.parametrize(

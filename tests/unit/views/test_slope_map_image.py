@@ -118,7 +118,7 @@ def test_picture_says_tilt_uncertainty_the_pixels_of_the_regions_are():
 
 
 def test_uncertain_pixels_are_dotted_and_flat_ones_are_not():
-    for state, dots in ((SlopeState.UNCERTAIN, True), (SlopeState.FLAT, False), (SlopeState.OK, False)):
+    for state, dots in ((SlopeState.WIDE, True), (SlopeState.FLAT, False), (SlopeState.OK, False)):
         canvas = np.full((24, 24, 3), 90, np.uint8)
         slope_map_image.hatch(canvas, np.full((24, 24), state, np.uint8))
         assert (canvas == 255).any() == dots

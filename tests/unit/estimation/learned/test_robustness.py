@@ -16,7 +16,7 @@ from fieldkit.model.slope import CERTAIN, SlopeState, is_too_wide
 from tests.harness.drawn import drawn_world
 
 AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
-WITH_A_SLOPE = {SlopeState.OK, SlopeState.UNCERTAIN, SlopeState.FLAT, SlopeState.NOT_RESOLVED}
+WITH_A_SLOPE = {SlopeState.OK, SlopeState.WIDE, SlopeState.FLAT, SlopeState.NOT_RESOLVED}
 
 
 @cache
