@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,8 @@ def estimate(
     if model is not None:
         keys["estimator.model"] = model
     source = source_of(path_of(session), present=present, regions=regions, without_marks=without_marks)
-    return estimate_run(run_of(source, settings_from(keys)))
+    run = run_of(source, settings_from(keys))
+    return replace(estimate_run(run), site=run.site)
 
 
 def estimate_tables(

@@ -124,6 +124,7 @@ class Estimates:
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
     direct normal irradiance; angles in degrees, NaN where nothing is known. `learnt` is what the data taught
     the learned model, `budgets` the uncertainty budget of each final slope; none from the weather alone.
+    `site` is where they were measured; None where that does not matter.
     """
 
     rows: TableArray
@@ -131,6 +132,7 @@ class Estimates:
     regions: tuple[Region, ...]
     learnt: LearntSeries = field(default_factory=lambda: LearntSeries({}))
     budgets: Budgets = field(default_factory=dict)
+    site: Site | None = None
 
     @classmethod
     def of(
@@ -205,15 +207,15 @@ class Estimates:
         columns = ("region", "tilt, °", "azimuth, °", *short, "state")
         return html.table_html(html.Table(columns, rows, f"Final estimates of {self.minutes} minutes"))
 
-    def plot(self, ax: Axes | None = None, *, site: Site | None = None) -> Axes:
-        """Plot each region's tilt over time with its likelihood region; in UTC unless `site` is given."""
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot each region's tilt over the site's time with its likelihood region."""
         series, time_ns = {}, np.empty(0, np.int64)
         for region in self.regions:
             if (rows := self.of_region(region)).size:
                 angles = rows["tilt_deg"], rows["tilt_low_deg"], rows["tilt_high_deg"]
                 series[region.name] = plots.TiltSeries(*angles, region.tilt_deg)
                 time_ns = time_ns if time_ns.size else rows["time_ns"]
-        return plots.tilts(time_ns, series, site, ax)
+        return plots.tilts(time_ns, series, self.site, ax)
 
     @property
     def minutes(self) -> int:

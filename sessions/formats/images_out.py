@@ -7,6 +7,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
 from itertools import repeat
 from pathlib import Path
 from typing import TypedDict, Unpack
@@ -19,7 +20,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Frame, is_damaged
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, known_zone
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.model.version import __version__
@@ -237,13 +238,15 @@ def _images(
     words = [f"{end:.1f} C" if has_temperatures(info) else f"{end:.0f}" for end in (low, high)]
     slopes = deque(session.estimates())
     names = {region.name: region.name for region in session.regions}
+    zone = known_zone(session.site.timezone) or UTC
     for frame in _frames(session, info.name, **chosen):
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)
         grey = np.clip(np.nan_to_num((_values(frame, info) - low) / (high - low)) * 255, 0, 255)
         image = _draw(colours, grey.astype(np.uint8), session.regions, names)
-        bar = _bar(image.shape[1], words, f"{iso_utc(frame.time_ns)[:19]}Z", colours)
+        moment = datetime.fromtimestamp(frame.time_ns / SECOND_NS, zone).strftime("%Y-%m-%d %H:%M:%S %Z")
+        bar = _bar(image.shape[1], words, moment, colours)
         yield frame, np.vstack([image, bar])
 
 
