@@ -32,7 +32,7 @@ def describe(session: SessionReader) -> dict[str, Any]:
         "ended": local_time(site, session.end_ns),
         "streams": [_stream(session, name) for name in session.streams],
         "regions": [_region(region) for region in session.regions],
-        "slopes": [_slope(slope, site) for slope in recorded_slopes(session)],
+        "slopes": [_slope(slope, session) for slope in recorded_slopes(session)],
         "learnt": learnt_document(recorded_learnt(session)),
         "events": [_event(event, site) for event in formatting.by_time(session.events())],
         **session.provenance,
@@ -50,9 +50,10 @@ def _region(region: Region) -> dict[str, Any]:
     return {**measured, "kind": region.kind.name.lower(), "corners": len(region.points_px)}
 
 
-def _slope(slope: SlopeEstimate, site: Site) -> dict[str, Any]:
+def _slope(slope: SlopeEstimate, session: SessionReader) -> dict[str, Any]:
     angles = attributes(slope, "region", "tilt_deg", "azimuth_deg", "model")
-    return {**angles, "at": local_time(site, slope.time_ns), "state": slope.state.name.lower()}
+    time_ns = min(slope.time_ns, session.end_ns)  # the middle of a last part of a minute may be after the end
+    return {**angles, "at": local_time(session.site, time_ns), "state": slope.state.name.lower()}
 
 
 def _event(event: Event, site: Site) -> dict[str, Any]:
