@@ -111,7 +111,9 @@ class ResponseBand:
             return cls(table[:, 0], table[:, 1], f"response {path.name}")
         except (ValueError, IndexError) as error:
             raise ConfigError(
-                "not a table of wavelength and response", place=path, fix="two columns: micrometres,response"
+                "not a table of wavelength and response",
+                place=path,
+                fix="write two columns: micrometres,response",
             ) from error
 
     def signal(self, temperature_k: ArrayLike) -> FloatArray:

@@ -226,7 +226,7 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
     raise ConfigError(
         f"no calibration named {reference!r}",
         place=folder,
-        fix=f"available: {', '.join(names)}" if names else "calibrate first",
+        fix=f"name one of these: {', '.join(names)}" if names else "calibrate it first: none is there",
     )
 
 

@@ -372,13 +372,13 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
     if (is_impossible or disagrees or value < MIN_SOIL) and MIN_SOIL <= in_fahrenheit <= MAX_SOIL:
         raise CalibrationError(
             f"the emissivity would be {value:.2f}; read as °F the thermometer gives {in_fahrenheit:.2f}",
-            fix="the thermometer seems to show °F: set it to °C, or give " + Argument("unit", "F"),
+            fix="set the thermometer to °C, for it seems to show °F, or give " + Argument("unit", "F"),
         )
     if is_impossible:
         raise CalibrationError(
             f"the emissivity would be {value:.2f}, which is impossible",
-            fix="does the camera apply an emissivity already (it must be 1)? is the probe in this region, "
-            "the camera's offset checked, the foil under the same sky?",
+            fix="check that the camera applies none itself (1), the probe is in this region, and the foil "
+            "under the same sky; check the camera's offset",
         )
     if disagrees:
         raise CalibrationError(
@@ -391,7 +391,7 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
         worst = found.largest
         raise CalibrationError(
             f"the emissivity would be {value:.2f} ± {found.expanded:.2f} (k=2): not determined",
-            fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
+            fix=f"reduce the largest contribution, {worst.name} ({abs(worst.effect):.3f}), "
             "or make the surface warmer than what it reflects",
         )
     remarks = []

@@ -87,5 +87,7 @@ def require_name(name: str) -> None:
         )
     if len(name.encode()) > LONGEST_NAME:
         raise ConfigError(
-            f"a record's name has {LONGEST_NAME} bytes at most", place=f"{name[:20]!r}...", fix="shorten it"
+            f"a record's name has {LONGEST_NAME} bytes at most",
+            place=f"{name[:20]!r}...",
+            fix="shorten that text",
         )

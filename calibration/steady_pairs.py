@@ -115,8 +115,8 @@ def refuse_shifted_clocks(readings: Readings) -> None:
     if lag_s is not None and abs(lag_s) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
             f"the thermometer's readings fit the camera's best when shifted by {lag_s / 60.0:+.1f} min",
-            fix=f"the clocks of two logs differ: import the thermometer again, {lag_s:+.0f} s added to its "
-            "times; or, of one recording, the probe follows late: less sand over it, a thinner wire",
+            fix=f"compare the clocks of the two logs: import the thermometer again, {lag_s:+.0f} s added to "
+            "its times; or, of one recording, the probe follows late: less sand over it, a thinner wire",
         )
 
 

@@ -79,5 +79,5 @@ def _refuse(found: PooledScale, beds: Mapping[str, BedScale]) -> None:
     if found.standard_uncertainty > MAX_UNCERTAINTY:
         raise CalibrationError(
             f"the beds disagree: {each}",
-            fix="are two regions exchanged, or a tilt or azimuth wrong? use one alone to see",
+            fix="check names, tilts and azimuths of the regions; use one alone to see which is wrong",
         )

@@ -52,7 +52,7 @@ def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") 
         raise ConfigError(
             f"the driver {settings.driver} needs the instrument's address",
             place=settings.name,
-            fix='port = "192.168.4.1", or with another port "192.168.4.1:5001"',
+            fix='set port = "192.168.4.1", or with another port "192.168.4.1:5001"',
         )
     if number is None and usual_port:
         return host, usual_port
@@ -60,7 +60,7 @@ def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") 
         raise ConfigError(
             f"behind the host stands {number or ''!r}, not a number from 1 to {LAST_PORT}",
             place=f"{settings.name}.port",
-            fix=f'port = "{host}:{usual_port or 4001}"',
+            fix=f'set port = "{host}:{usual_port or 4001}"',
         )
     return host, int(number)
 

@@ -244,7 +244,9 @@ def open_device(
     if isinstance(driver, ConnectedDevice):
         if len(driver.drivers) != 1:
             raise ConfigError(
-                "choose a driver", place=repr(driver), fix='open_device("lutron", identity="...")'
+                "choose a driver",
+                place=repr(driver),
+                fix='name one by its identity: open_device("lutron", identity="...")',
             )
         # an identity survives a replug, a port does not
         identity, port = driver.identity, "" if driver.identity else driver.port

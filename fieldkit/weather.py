@@ -265,7 +265,9 @@ def _surfrad_site(path: Path, content: bytes) -> Site:
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
             return site
-    raise ConfigError("an unknown SURFRAD station", place=path, fix=f"known: {', '.join(STATIONS)}")
+    raise ConfigError(
+        "an unknown SURFRAD station", place=path, fix=f"name a known station: {', '.join(STATIONS)}"
+    )
 
 
 def read_surfrad(path: Path) -> Weather:

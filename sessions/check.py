@@ -159,7 +159,7 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
         return
     bad, lowest, highest = _contents(reader)
     if bad:
-        fix = "these samples are excluded from every estimate; a copy made earlier may have them"
+        fix = "use a copy made earlier, if it has them; they are excluded from every estimate"
         yield _fail(
             name,
             f"{len(bad)} of {len(reader)} samples do not match their checksum, first number {bad[0]}",

@@ -123,7 +123,10 @@ def _check_stream(info: StreamInfo) -> None:
 def check_room(header: SessionHeader) -> None:
     """Raise `ConfigError` if a file has no room for so many regions."""
     if (count := len(header.region_names)) > MAX_REGIONS:
-        raise ConfigError(f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some")
+        raise ConfigError(
+            f"{count} regions; a session has room for {MAX_REGIONS}",
+            fix="remove some of them, and write it again",
+        )
 
 
 def check_region(region: Region) -> None:

@@ -74,7 +74,7 @@ def _flock(descriptor: int, operation: str) -> None:
     try:
         import fcntl
     except ImportError as error:
-        fix = "here sessions can be read, estimated and reported"
+        fix = "record there; here sessions can be read, estimated and reported"
         raise RefusedError("sessions are recorded and recovered on Linux", fix=fix) from error
     fcntl.flock(descriptor, getattr(fcntl, operation) | fcntl.LOCK_NB)
 

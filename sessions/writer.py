@@ -83,7 +83,9 @@ class SessionWriter:
         try:
             Patience()(self._make_all)
         except FileExistsError as error:
-            raise errors.RefusedError("exists already", place=self.path, fix="take another name") from error
+            raise errors.RefusedError(
+                "exists already", place=self.path, fix="choose a name that is free"
+            ) from error
         except (OSError, RuntimeError) as error:
             raise errors.StorageError(
                 f"cannot be begun: {getattr(error, 'strerror', None) or error}",

@@ -293,7 +293,7 @@ def _first_frame(
         raise DeviceError(
             "TLinear was requested, but the frames hold no temperatures",
             place=name,
-            fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
+            fix="omit radiometric if the model is not: counts are recorded",
         ) from error
 
 

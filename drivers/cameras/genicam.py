@@ -153,7 +153,9 @@ class Genicam(CameraDriver):
         """Open the camera, choose Mono16 and temperatures, and let it send."""
         if not settings.port:
             raise ConfigError(
-                "genicam needs the camera's address", place=settings.name, fix='port = "192.168.1.20"'
+                "genicam needs the camera's address",
+                place=settings.name,
+                fix='set port to its address, such as "192.168.1.20"',
             )
         source = GenicamSource(settings.port, clock)
         handle = OpenedSource(source, settings.identity)
@@ -177,7 +179,7 @@ def _set_up(device: Any, settings: DeviceSettings) -> dict[str, Any]:
             raise DeviceError(
                 f"{vendor} {model} gives {', '.join(formats)}: images without temperatures",
                 place=settings.name,
-                fix=f"only cameras with {MONO16} are recorded",
+                fix=f"use a camera that has {MONO16}",
             )
         device.set_pixel_format_from_string(MONO16)
         width, height = size_of(settings)

@@ -161,7 +161,7 @@ def _facts(name: str, answer: str) -> dict[str, Any]:
         raise DeviceError(
             f"{what} is not an HTPA32x32d (array type {ARRAY_TYPE})",
             place=name,
-            fix="only 32x32d boards are read; use one of them",
+            fix="use a 32x32d board: only these are read",
         )
     serial, firmware = re.search(r"DevID: *(\d+)", answer), re.search(r"v\. ?(\d+\.\d+)", answer)
     facts = {"model": "HTPA32x32d", "serial_number": serial, "firmware": firmware}

@@ -156,7 +156,7 @@ class CameraDriver:
 def cannot_command(source: FrameSource) -> DeviceError:
     """The error of a source that has no way to send this camera its commands."""
     return DeviceError(
-        f"cannot be commanded through {source.backend}", place=source.port, fix='backend = "v4l2"'
+        f"cannot be commanded through {source.backend}", place=source.port, fix='set backend = "v4l2" for it'
     )
 
 

@@ -100,7 +100,7 @@ class Y16(CameraDriver):
             raise ConfigError(
                 f"y16 reads any camera, so one must be named; connected: {present}",
                 place=settings.name,
-                fix='identity = "vendor:product"',
+                fix='set identity = "vendor:product", as the list of devices shows it',
             )
         sizes = sizes_of(settings)
         handle = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)

@@ -199,7 +199,9 @@ def open_thermometer(
         raise DeviceNotFoundError(
             f"the meter at {port.path} is a Center {model}",
             place=settings.name,
-            fix=f'driver = "{driver}"' if driver else "this model has no driver",
+            fix=f'set driver = "{driver}" for it'
+            if driver
+            else "use another meter: this model has no driver",
         )
     meter.first_reply(port, b"A", layout, settings.name, _HINT)
     info = meter.describe(settings, port, layout, "temperature", "K", channels, model)

@@ -67,7 +67,7 @@ class Meter:
             raise ConfigError(
                 f"{info.shape[0]} names are given, the meter has {len(keys)} channels",
                 place=f"{info.name}.labels",
-                fix=f"labels = at most {len(keys)} names, in the meter's own order",
+                fix=f"give at most {len(keys)} labels, in the meter's own order",
             )
         self.info = info
         self._port = port

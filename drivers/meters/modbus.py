@@ -186,7 +186,9 @@ def load_map(name: str) -> RegisterMap:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(
-            "no such register map", place=name, fix=f"there are {', '.join(packaged_maps())}, or give a file"
+            "no such register map",
+            place=name,
+            fix=f"name one of these: {', '.join(packaged_maps())}, or give a file",
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
@@ -410,7 +412,7 @@ class Modbus(SerialDriver):
             raise ConfigError(
                 "which instrument?",
                 place=f"{settings.name}.map",
-                fix=f"map = one of {', '.join(packaged_maps())}, or a file",
+                fix=f"set map to one of {', '.join(packaged_maps())}, or a file",
             )
         register_map = load_map(name)
         function, framing = register_map.function, _framing(settings)

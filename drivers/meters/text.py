@@ -457,7 +457,7 @@ def _first_values(
                 joined = _joined(lines[turn.index(True) : -1] if any(turn) else [last])
                 if not _first_unit(joined) and (name := sensor_of(raw)):
                     example = f"the example for {name} prints no units"
-                    raise ConfigError(example, place=settings.name, fix=f'options.sensor = "{name}"')
+                    raise ConfigError(example, place=settings.name, fix=f'set options.sensor = "{name}"')
                 return grammar, joined
         is_whole = True
         grammar = replace(grammar, columns=configured_columns or header([last.note]) or grammar.columns)
@@ -482,7 +482,7 @@ def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Stamped:
         return meter.first_record(port, grammar.layout, settings.name, _HINT, settings.every_s)
     except DecodeError as error:
         name = sensor_of(error.raw)
-        fix = f'options.sensor = "{name}" reads them' if name else f"print lines such as {FORMS}"
+        fix = f'set options.sensor = "{name}" to read them' if name else f"print lines such as {FORMS}"
         raise DecodeError(error.problem, raw=error.raw, place=settings.name, fix=fix) from error
 
 

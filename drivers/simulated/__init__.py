@@ -70,7 +70,7 @@ class SimulatedField:
         raise ConfigError(
             f"there is no simulated instrument for the driver {settings.driver!r}",
             place=settings.name,
-            fix=f"simulated are {', '.join((*CAMERAS, *METERS))}",
+            fix=f"choose a simulated one: {', '.join((*CAMERAS, *METERS))}",
         )
 
     def disk_free_bytes(self, real: int) -> int:

@@ -263,5 +263,5 @@ def _both_ends() -> tuple[int, int]:
     except OSError as error:  # some containers have none
         raise DeviceAccessError(
             f"cannot open a pseudo-terminal for a simulated instrument: {error.strerror}",
-            fix="in a container or a chroot, mount /dev/pts: mount -t devpts devpts /dev/pts",
+            fix="mount /dev/pts, which a container or chroot may lack: mount -t devpts devpts /dev/pts",
         ) from error

@@ -39,7 +39,9 @@ def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
             fix=f"begin the file with {','.join(names)}",
         ) from error
     for number in np.flatnonzero(~np.isfinite(table).all(axis=1)):
-        raise ConfigError("a number is not finite", place=f"{path}, row {number + 2}", fix="correct that row")
+        raise ConfigError(
+            "a number is not finite", place=f"{path}, row {number + 2}", fix="correct that row of the table"
+        )
     return table
 
 

@@ -90,7 +90,7 @@ def irradiance(
         raise ConfigError(
             "not a kind of reference",
             place=Argument("against", against),
-            fix=f"give {', '.join(get_args(Against))}",
+            fix=f"choose one of {', '.join(get_args(Against))}",
         )
     with open_to_calibrate(session, settings, notify) as (opened, config):
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []

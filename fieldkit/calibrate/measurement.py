@@ -222,7 +222,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     where, regions = inventory.path, inventory.regions
     camera = find_camera(inventory.streams)
     if camera is None:
-        raise ConfigError("no camera", place=where, fix="an emissivity needs frames of a camera")
+        raise ConfigError("no camera", place=where, fix="name a session with frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
     foil, reflected_k = _reflected_source(options.reflected, regions, where)
     setup = MeasurementSetup(
@@ -311,7 +311,7 @@ def _channel(thermometer: StreamInfo, text: str | int | None) -> int:
     channel = 0 if text is None else thermometer.channel(str(text))
     if channel is None:
         have = ", ".join(thermometer.channel_names)
-        raise ConfigError(f"no probe {text!r}", place=thermometer.name, fix=f"it has {have}")
+        raise ConfigError(f"no probe {text!r}", place=thermometer.name, fix=f"name one of these: {have}")
     return channel
 
 

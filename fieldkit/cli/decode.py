@@ -72,7 +72,7 @@ def read_bytes(words: Sequence[str], *, is_text: bool = False) -> bytes:
     raise ConfigError(
         "is neither a file nor hexadecimal",
         place=repr(text[:60]),
-        fix="two digits per byte, as in: 02 34 31",
+        fix="write two digits per byte, as in: 02 34 31",
     )
 
 

@@ -121,7 +121,7 @@ def explain(error: FieldkitError) -> None:
 def _report_unexpected(error: Exception, command: str) -> None:
     what = f"failed unexpectedly: {type(error).__name__}: {error}"
     try:
-        fix = f"this is a bug in fieldkit; details are in {_write_log(error, command)}"
+        fix = f"report this bug of fieldkit; details are in {_write_log(error, command)}"
     except OSError:
         import traceback
 

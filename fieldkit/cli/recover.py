@@ -56,9 +56,9 @@ def command(paths: tuple[Path, ...], tidy: bool) -> None:
     if first_error is not None:
         raise first_error
     if lost := sum(report.lost_samples + report.lost_entries for report in reports):
-        raise IntegrityError(f"{lost} records are lost", fix="all others are intact")
+        raise IntegrityError(f"{lost} records are lost", fix="use the session: all others are intact")
     if any(report.doubt for report in reports):
-        raise IntegrityError("the end is not known", fix="all samples in the session are intact")
+        raise IntegrityError("the end is not known", fix="use the session: all samples in it are intact")
 
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:

@@ -135,7 +135,7 @@ def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
     if unknown := set(names) - {suggestion.region.name for suggestion in suggested_regions}:
         names_text = ", ".join(suggestion.region.name for suggestion in suggested_regions)
         place = ", ".join(sorted(unknown))
-        raise ConfigError("not suggested", place=place, fix=f"suggested are {names_text}")
+        raise ConfigError("not suggested", place=place, fix=f"choose from those suggested: {names_text}")
     reply = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
     added = [suggestion.region.name for suggestion in chosen]
     if options().json:

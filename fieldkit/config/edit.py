@@ -36,7 +36,10 @@ class Draft:
             mistake for _, mistake in mistakes_in(text, self.file) if mistake.path[: len(path)] == path
         ]
         if mistakes:
-            raise ConfigMistakesError([(where, mistake) for mistake in mistakes], fix="nothing was changed")
+            raise ConfigMistakesError(
+                [(where, mistake) for mistake in mistakes],
+                fix="correct what was asked for: nothing was changed",
+            )
         self.text = text
 
 

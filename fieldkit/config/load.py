@@ -53,7 +53,7 @@ def load_config(
     quotes). Raises `ConfigMistakesError` with every mistake, `ConfigError` if a file cannot be read.
     """
     return _without_mistakes(
-        *read_config(path, settings=settings, environment=environment), fix=f"edit {path}"
+        *read_config(path, settings=settings, environment=environment), fix=f"edit the file {path}"
     )
 
 
@@ -110,7 +110,7 @@ def parse_toml(text: str, file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit {file}") from error
+        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit the file {file}") from error
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
@@ -154,7 +154,9 @@ class _Document:
         for key in keys[:-1]:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
-                raise ConfigError(f"{key} is not a table", place=_key_of(origin), fix="write table.key=value")
+                raise ConfigError(
+                    f"{key} is not a table", place=_key_of(origin), fix="write it as table.key=value"
+                )
         table[keys[-1]] = value
         self.origins[tuple(keys)] = origin
 

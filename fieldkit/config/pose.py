@@ -54,7 +54,9 @@ def trajectory_from(text: str, name: str) -> Trajectory:
             raise _wrong(name, line, "its time is not after that of the pose before")
         poses.append(pose)
     if len(poses) < 2:
-        raise ConfigError(f"holds {len(poses)} poses", place=name, fix="a trajectory needs two or more")
+        raise ConfigError(
+            f"holds {len(poses)} poses", place=name, fix="give a trajectory two positions or more"
+        )
     times, places, quaternions = zip(*poses, strict=True)
     return Trajectory(times, places, quaternions)
 
@@ -226,7 +228,7 @@ def _table_in(path: Path) -> PoseTable:
     try:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(error), place=path, fix=f"correct {path}") from error
+        raise ConfigError(str(error), place=path, fix=f"correct the pose in {path}") from error
     return pose_table(values, path)
 
 

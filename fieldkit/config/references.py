@@ -122,7 +122,7 @@ def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
     learnt = record.get("details", {}).get("prior_sds", {})
     if not isinstance(learnt, dict) or not all(isinstance(number, float | int) for number in learnt.values()):
         what = "details.prior_sds is not a table of numbers"
-        raise ConfigError(what, place=f"@{record['name']}", fix="calibrate again")
+        raise ConfigError(what, place=f"@{record['name']}", fix="calibrate again, and name the new record")
     uncertainty = record.get("standard_uncertainty")
     values = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
     return {place: value for place, value in values.items() if value is not None}

@@ -250,7 +250,7 @@ def _probes(
             raise ConfigError(
                 f"{name} measures {info.quantity}, so {probe} is not a contact thermometer",
                 place=f"region {region}",
-                fix=f"thermometers: {have or 'none'}",
+                fix=f"name a thermometer: {have or 'none'}",
             )
         channel = info.channel(text)
         if channel is None:
@@ -307,7 +307,7 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
         raise ConfigError(
             f"{settings.light_stream!r} is not a stream of sunlight",
             place="irradiance.stream",
-            fix=f"streams of sunlight: {have}",
+            fix=f"name a stream of sunlight: {have}",
         )
     return None
 
@@ -343,7 +343,7 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
         raise ConfigError(
             f"{name}, but the plane it lies in is not known",
             place="irradiance.mounting",
-            fix='irradiance.mounting = "in-plane" with plane_tilt_deg and plane_azimuth_deg, '
+            fix='set irradiance.mounting = "in-plane" with plane_tilt_deg and plane_azimuth_deg, '
             'or "sun-pointing"',
         )
     return pyranometer(model, name)
@@ -358,6 +358,6 @@ def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
         raise ConfigError(
             f'"none", but {what}, which contains the light of the sky',
             place="irradiance.diffuse",
-            fix='irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
+            fix='set irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
         )
     return replace(model, kind="pyranometer")

@@ -58,7 +58,7 @@ def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> 
             raise ConfigError(
                 f"region {bed} has no known slope",
                 place=path,
-                fix=f"known are {', '.join(slopes) or 'none'}; give tilt_deg",
+                fix=f"name a known one of {', '.join(slopes) or 'none'}; give tilt_deg",
             )
     return {name: slope for name, slope in slopes.items() if not beds or name in beds}
 

@@ -61,7 +61,7 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     """
     for part in parts:
         if not len(part.history):
-            raise ConfigError("no minutes", place=part.name, fix="omit it")
+            raise ConfigError("no minutes", place=part.name, fix="omit that session")
     parts = sorted(parts, key=lambda part: int(part.history.time_ns[0]))
     for before, after in pairwise(parts):
         _require_later(before, after)
@@ -120,7 +120,7 @@ def _require_same_place(part: Part, other: Part) -> None:
                 f"not the same in {part.name} and {other.name}: azimuth {region.azimuth_deg:g}° and "
                 f"{same.azimuth_deg:g}°",
                 place=f"region {region.name}",
-                fix="regions of one name must be one place: rename one of them",
+                fix="rename one of them: regions of one name must be one place",
             )
 
 

@@ -85,7 +85,7 @@ def _bind(signature: inspect.Signature, args: Any, kwargs: Mapping[str, Any]) ->
         unknown = [name for name in kwargs if name not in names]
         missing = [name for name in names if f"{name!r}" in str(error)]
         place, *_ = unknown or missing or names or [""]
-        fix = did_you_mean(place, names) if unknown else f"it takes {', '.join(names)}"
+        fix = did_you_mean(place, names) if unknown else f"choose one of {', '.join(names)}"
         raise ConfigError(str(error), place=Argument(place), fix=fix) from None
 
 

@@ -77,7 +77,7 @@ def parse_time_of_day(text: str) -> time:
         hour, minute = (int(part) for part in text.split(":"))
         return time(hour, minute)
     except ValueError:
-        raise ConfigError("is not a valid time of day", place=repr(text), fix="use 15:05") from None
+        raise ConfigError("is not a valid time of day", place=repr(text), fix="write it as 15:05") from None
 
 
 def times_of_day(text: str) -> tuple[time, ...]:

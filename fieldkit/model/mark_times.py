@@ -59,9 +59,9 @@ def reject_impossible(mark: Mark, now: datetime) -> None:
         if abs(seconds) > FAR_S:
             text = f"{seconds:g} s" if isinstance(end, float) else end
             what = f"is more than {FAR_S / YEAR_S:.0f} years from now"
-            raise ConfigError(what, place=text, fix="correct the time")
+            raise ConfigError(what, place=text, fix="give a time within the recording")
     if after_s[-1] < after_s[0]:
-        raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange them")
+        raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange begin and end")
 
 
 def _after_s(when: When, now: datetime) -> float:

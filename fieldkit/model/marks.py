@@ -108,7 +108,7 @@ def numbers_named(name: int | str, marks: Mapping[int, Event]) -> list[int]:
     numbers = [number for number, mark in marks.items() if str(name) in (str(number), mark.text)]
     if not numbers:
         choices = "; ".join(f"{number} {mark.text[:40]}" for number, mark in marks.items())
-        fix = f"its marks: {choices or 'none'}"
+        fix = f"name one of its marks: {choices or 'none'}"
         raise ConfigError("the session has no such mark", place=repr(name), fix=fix)
     return numbers
 
@@ -127,4 +127,4 @@ def _time_ns(when: When, now_ns: int) -> int:
 def _check_near(when: When, away_s: float) -> None:
     """Raise `ConfigError` for a mistyped year: no recording is ten years long."""
     if not abs(away_s) <= TEN_YEARS_S:  # NaN is rejected too
-        raise ConfigError("is more than ten years away", place=str(when), fix="give the time again")
+        raise ConfigError("is more than ten years away", place=str(when), fix="give the time with its date")

@@ -208,7 +208,7 @@ class Region:
         is_convex = np.sum((np.roll(inner, -1, axis=0) - inner) * along, axis=1) > 0.0  # no edge is reversed
         if not (is_convex.all() and inward.any()):
             what = f"nothing of it is {pixels:g} px inside its edge"
-            raise ConfigError(what, place=self.name, fix="shrink it less")
+            raise ConfigError(what, place=self.name, fix="shrink the region by fewer pixels")
         return replace(self, points_px=tuple((float(x), float(y)) for x, y in inner))
 
 

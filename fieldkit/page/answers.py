@@ -182,7 +182,7 @@ class Answers:
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in (present := [alarm.id for alarm in self.hub.latest.alarms]):
-            fix = f"present: {', '.join(present) or 'none'}"
+            fix = f"choose one that is present: {', '.join(present) or 'none'}"
             raise RefusedError("there is no such alarm, or it is over", place=repr(alarm), fix=fix)
         return send_to_recorder(self.config.recordings, Acknowledgement(alarm))
 

@@ -170,7 +170,7 @@ def id_of(device: ConnectedDevice) -> str:
 def _config(file: Path) -> Config:
     config = load_config(file)
     if any(device.port == SIMULATED for device in config.devices):
-        raise ConfigError("its instruments are simulated", place=file, fix="create another campaign")
+        raise ConfigError("its instruments are simulated", place=file, fix="create a campaign for them")
     return config
 
 

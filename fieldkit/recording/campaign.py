@@ -297,7 +297,7 @@ def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:
     file = Path(folder) / FILE_NAME
     text = campaign_toml(tables)
     if mistakes := mistakes_in(text, file):
-        raise ConfigMistakesError(mistakes, fix="nothing was written; correct the options")
+        raise ConfigMistakesError(mistakes, fix="correct the options: nothing was written")
     if file.exists():
         raise RefusedError(
             "there already", place=file, fix="choose another folder; init never overwrites a campaign"

@@ -284,7 +284,7 @@ class MeasuringPlan:
             path.write_text(content, encoding="utf-8")
         except OSError as error:
             raise StorageError(
-                f"cannot write: {error.strerror}", place=path, fix="name another file"
+                f"cannot write: {error.strerror}", place=path, fix="name a file that can be written"
             ) from error
         return path
 
@@ -360,7 +360,9 @@ def plan(
         light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
     found = plan_day(facets, time_ns, sun, light, settings, options.step_min)
     if not found.rows.size:
-        raise NoAnswerError("the sun does not rise at this site", place=f"{day}", fix="choose another day")
+        raise NoAnswerError(
+            "the sun does not rise at this site", place=f"{day}", fix="choose a day on which the sun rises"
+        )
     return MeasuringPlan(site, day, options, found, estimator or _default_settings(site))
 
 

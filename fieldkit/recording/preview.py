@@ -123,7 +123,9 @@ def write_png(path: Path, config: Config, instruments: Instruments) -> None:
             frame_image.png(frame, info, regions_on(info.name, config.regions, instruments.streams))
         )
     except OSError as error:
-        raise StorageError(f"cannot write: {error.strerror}", place=path, fix="name another file") from error
+        raise StorageError(
+            f"cannot write: {error.strerror}", place=path, fix="name a file that can be written"
+        ) from error
 
 
 def usable_frame(instruments: Instruments) -> Frame:

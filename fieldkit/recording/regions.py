@@ -198,7 +198,7 @@ def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
     before = _failures(unless)
     if failures := [failure for failure in _failures(config) if failure not in before]:
-        raise ConfigError("; ".join(failures), fix="nothing was changed; draw it again")
+        raise ConfigError("; ".join(failures), fix="draw it again: nothing was changed")
 
 
 def _failures(config: Config) -> list[str]:

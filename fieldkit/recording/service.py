@@ -93,7 +93,7 @@ class Unit:
         """The unit file. Raises `ConfigError` for a folder with a line break in its name."""
         if not str(self.campaign).isprintable():
             raise ConfigError(
-                "has a control character", place=repr(str(self.campaign)), fix="rename the folder"
+                "has a control character", place=repr(str(self.campaign)), fix="rename the folder without it"
             )
         return "\n".join(
             [

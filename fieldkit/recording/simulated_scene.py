@@ -227,7 +227,7 @@ def _fault(name: str) -> Fault:
     except ValueError as error:
         names = ", ".join(FaultKind)
         raise ConfigError(
-            f"there is no fault {name!r}", place="simulation.faults", fix=f"simulated faults are {names}"
+            f"there is no fault {name!r}", place="simulation.faults", fix=f"choose a simulated fault: {names}"
         ) from error
 
 

@@ -123,7 +123,7 @@ def _compare_estimates(session: SessionReader) -> list[Finding]:
     differing = sum(not _is_same(estimate, computed.get(_key(estimate))) for estimate in stored_estimates)
     if differing:
         text = f"{differing} of {len(stored_estimates)} slopes come out differently from the stored samples"
-        fix = "another version of fieldkit, or samples that were lost"
+        fix = "check for another version of fieldkit, or samples that were lost"
         return [Finding("warn", "slopes", text, fix), *shadows]
     text = f"{len(stored_estimates)} slopes come out the same from the stored samples"
     if session_minutes.measured.is_recordings:
@@ -191,7 +191,7 @@ def horizon_findings(
                 "warn", region.name, text, "correct its horizon, unless a board or a person was there"
             )
         elif shaded.any():
-            fix = "if terrain did it, give a horizon and estimate again; see how-to/shadows"
+            fix = "give a horizon and estimate again, if terrain did it; see how-to/shadows"
             yield Finding("warn", region.name, f"shaded: {_times(minutes, shaded)}", fix)
         below = (share == 0.0) & compared & (sun[:, 2] > 0.0)
         sunlit = _sunlit_below(minutes, region.name, references, below)

@@ -124,7 +124,7 @@ def _table_part(
     text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
     config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
     if config.tables.estimator.azimuth == "known":
-        raise ConfigError("a table has no known azimuths", place=path, fix="omit estimator.azimuth")
+        raise ConfigError("a table has no known azimuths", place=path, fix="omit estimator.azimuth for it")
     settings_used = config.estimator_settings()
     table = read_table(path, needs_reference=settings_used.reference == "region")
     for excess in possible(table, config.site, settings_used)[1]:

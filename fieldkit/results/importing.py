@@ -319,7 +319,7 @@ def _with_site(
     """Site of the recording, and the recording with a warning if only the campaign states that."""
     if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
         problem = f"{_coordinates(site)}, but the recording states {_coordinates(recording.site)}"
-        raise ConfigError(problem, place=Argument("site"), fix="omit it")
+        raise ConfigError(problem, place=Argument("site"), fix="omit that option")
     if place := site or recording.site:
         return place, recording
     if config is None:
@@ -377,7 +377,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     Raises `ConfigError` if none does, or if an option is given that the format does not use.
     """
     if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
-        raise ConfigError("neither a file nor a folder", place=source, fix="check the path")
+        raise ConfigError("neither a file nor a folder", place=source, fix="check the path of the file")
     refuse_unread(source)
     for source_format in _FORMATS:
         if source_format.fits(source):
@@ -389,7 +389,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
             note = Severity.INFO, f"times in {options.zone or source_format.zone}"
             return replace(recording, notes=(*recording.notes, note))
     fix = (
-        "it reads .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
+        "import one of .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
         "tables and workbooks, netCDF, bags of ROS, files of radiation networks and services"
     )
     raise ConfigError("no format that fieldkit reads", place=source, fix=fix)

@@ -51,7 +51,7 @@ def writing(out: Path) -> Iterator[None]:
         yield
     except OSError as error:
         problem = f"cannot write: {error.strerror or error}"
-        raise StorageError(problem, place=out, fix="name another place") from error
+        raise StorageError(problem, place=out, fix="name a folder that can be written") from error
 
 
 def write_results(

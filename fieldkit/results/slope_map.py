@@ -215,7 +215,7 @@ class MappedSession:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         if self.along_sun is not None:
             if set(products.names) != {"rdir"}:
-                raise NoAnswerError(ONE_MINUTE, place=self.path.name, fix="choose another window")
+                raise NoAnswerError(ONE_MINUTE, place=self.path.name, fix="choose a window with more minutes")
             return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
             products,

@@ -202,7 +202,7 @@ def qualified_key(name: str) -> str:
     near = nearest(name, (key for table in TABLES for key in known_keys((table,))))
     fix = 'see the configuration reference; other keys need their table: {"record.every_s": 30}'
     raise ConfigError(
-        "not a parameter of an estimate", place=name, fix=f"did you mean {near}?" if near else fix
+        "not a parameter of an estimate", place=name, fix=f"use {near}, if that is meant" if near else fix
     )
 
 

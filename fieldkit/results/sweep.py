@@ -153,7 +153,7 @@ def runs_of(sources: Sequence[Source], grid: Grid, estimate: Estimate) -> list[R
         if tried[0].key == tried[1].key:
             tables = "surface, air, irradiance, estimator, slab, site"
             raise ConfigError(
-                "does not enter an estimate", place=parameter.key, fix=f"keys that do: of {tables}"
+                "does not enter an estimate", place=parameter.key, fix=f"choose a key of {tables}"
             )
     others = [run for run in runs if f"{PRIOR}={OTHERS}" in grid.sets[run.number]]
     taught = {(run.source.path, run.number): run for run in _taught(others, grid, estimate)} if others else {}

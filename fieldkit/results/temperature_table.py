@@ -111,7 +111,7 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
         raise ConfigError(
             f"missing columns: {'; '.join(missing)}",
             place=path,
-            fix=f"the first line names the columns; found: {', '.join(names) or 'none'}",
+            fix=f"name the columns in the first line; it has: {', '.join(names) or 'none'}",
         )
     return columns
 

@@ -128,7 +128,7 @@ def _messages(path: Path, options: BagOptions) -> Iterator[_Message]:
         raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
     except Exception as error:  # of rosbags, SQLite, and the packers
         problem = f"cannot be read as a recording of ROS: {message_of(error)[:200]}"
-        fix = "of an MCAP of another program export its topics as CSV; a rosbag2 is named by its folder"
+        fix = "export the topics of another program's MCAP as CSV; name a rosbag2 by its folder"
         raise ConfigError(problem, place=path, fix=fix) from error
 
 
@@ -209,5 +209,7 @@ def _counts(place: str, topic: _Topic, image: Any) -> CountArray:
         rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)
         pixels: AnyArray = rows[:, : image.width * numbers.itemsize].copy().view(numbers)
     except ValueError as error:
-        raise ConfigError("an image is cut short", place=place, fix="record it again") from error
+        raise ConfigError(
+            "an image is cut short", place=place, fix="record it again: it is not whole"
+        ) from error
     return stills.counts_of(pixels, (1.0, 0.0), topic.unit) if topic.unit else pixels.astype(np.uint16)

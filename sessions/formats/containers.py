@@ -67,7 +67,9 @@ def read_contents(path: Path, sheet: str = "") -> Contents:
     assert read is not None
     try:
         if path.stat().st_size > _MOST_BYTES:
-            raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
+            raise ConfigError(
+                f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the file into parts"
+            )
         if zipfile.is_zipfile(path):
             refuse_bomb(path, sum(part.file_size for part in zipfile.ZipFile(path).infolist()))
         with quiet():
@@ -91,7 +93,7 @@ def _workbook(path: Path, sheet: str) -> _Read:
     book = CalamineWorkbook.from_path(path)
     names = [sheet] if sheet else book.sheet_names
     if unknown := {*names} - {*book.sheet_names}:
-        fix = f"it has: {', '.join(book.sheet_names)}"
+        fix = f"name one of its sheets: {', '.join(book.sheet_names)}"
         raise ConfigError(f"no sheet {unknown.pop()!r}", place=path, fix=fix)
     sheets = {name: _rows(book.get_sheet_by_name(name)) for name in names}
     tables = {name: rows for name, rows in sheets.items() if _has_table(rows)}

@@ -30,12 +30,14 @@ def is_frame_table(path: Path) -> bool:
 def read_frame_tables(path: Path) -> list[FloatArray]:
     """The frames of a file, (rows, cols), one behind the other; raises `ConfigError`."""
     if path.stat().st_size > _MOST_BYTES:
-        raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
+        raise ConfigError(
+            f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the table into parts"
+        )
     frames = list(_frames(path.read_text("utf-8-sig", "replace").splitlines()))
     if len({frame.shape for frame in frames}) > 1:
         rows, cols = frames[-1].shape
         problem = f"its frames differ in size: frame {len(frames)} has {rows} x {cols} numbers"
-        raise ConfigError(problem, place=path, fix="export it again")
+        raise ConfigError(problem, place=path, fix="export the frame again")
     return frames
 
 

@@ -164,10 +164,14 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
         raise ConfigError(
             f"in {crs_of_file or 'no reference system'}, the pose in {crs}",
             place=path,
-            fix=f"gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
+            fix=f"transform it: gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
         )
     if place.b or place.d or place.e >= 0.0 or not math.isclose(place.a, -place.e, rel_tol=1e-6):
-        raise ConfigError("no square cells with north up", place=path, fix="gdalwarp -tr 0.5 0.5 ...")
+        raise ConfigError(
+            "no square cells with north up",
+            place=path,
+            fix="resample it to larger cells: gdalwarp -tr 0.5 0.5 IN.tif OUT.tif",
+        )
     upwards = -1.0 if ",DOWN]" in crs_of_file.to_wkt() else 1.0  # a system of depths
     heights = upwards * (band * gain + offset) * _metres_per_unit(path, unit)
     _refuse_no_heights(path, heights, band)

@@ -225,7 +225,7 @@ def require_palette(name: str) -> None:
     """Raise `ConfigError` for a palette that does not exist."""
     if name not in NAMES:
         raise ConfigError(
-            "no such palette", place=Argument("palette", name), fix=f"one of {', '.join(NAMES)}"
+            "no such palette", place=Argument("palette", name), fix=f"choose one of {', '.join(NAMES)}"
         )
 
 

@@ -116,7 +116,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     items = _items(rows[:at], rows[at], [row for stamp, row in below if stamp is None])
     if not items:
         have = ", ".join(row.of_jma for row in QUANTITIES.values() if row.of_jma)
-        raise ConfigError("no item that fieldkit takes", place=path, fix=f"it takes {have}")
+        raise ConfigError("no item that fieldkit takes", place=path, fix=f"name one of these: {have}")
     return _recording(path, name, items, body, timedelta(hours=1 if hourly else 24))
 
 
@@ -325,7 +325,9 @@ def _text(path: Path) -> str:
     """The text of such a file; raises `ConfigError`."""
     try:
         if path.stat().st_size > _MOST_BYTES:
-            raise ConfigError(f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split it")
+            raise ConfigError(
+                f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the table into parts"
+            )
         return path.read_bytes().decode(encoding_of(path))
     except (OSError, UnicodeDecodeError) as error:
         raise _not_understood(path, str(error)) from error

@@ -294,7 +294,7 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
     """
     unit = options.unit
     if unit and quantities.unit_of(unit) is None:
-        fix = f"known units: {KNOWN_UNITS}"
+        fix = f"state one of the known units: {KNOWN_UNITS}"
         raise ConfigError("not a unit that is known", place=Argument("unit", unit), fix=fix)
     by_name = [tables.place_of(path, table.columns, name) for name in options.columns]
     channels: list[Channel] = []

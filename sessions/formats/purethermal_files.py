@@ -113,5 +113,5 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         raise ConfigError(
             f"not a recording of the PureThermal Y16 recorder: {message_of(error)}",
             place=path,
-            fix="imports are .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
+            fix="import a .raw.y16.gz, a folder of 16-bit TIFF, or tables (CSV)",
         ) from error

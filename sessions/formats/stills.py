@@ -307,7 +307,7 @@ def _no_unit(place: str | Path) -> ConfigError:
 def _refuse_pixels(label: str, count: int) -> None:
     if count > _MOST_PIXELS:
         problem = f"claims more than {_MOST_PIXELS // 10**6} million pixels"
-        raise ConfigError(problem, place=label, fix="export it again")
+        raise ConfigError(problem, place=label, fix="export the frame again")
 
 
 def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> Scale:
@@ -390,7 +390,9 @@ def _read_irg(path: Path) -> tuple[CountArray, Scale | None, float]:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
     except OSError as error:
-        raise ConfigError(f"cannot read: {error.strerror}", place=path, fix="check the path") from error
+        raise ConfigError(
+            f"cannot read: {error.strerror}", place=path, fix="check the path of the folder"
+        ) from error
     if len(data) < _HEAD.size or data[:2] not in _IRG_SCALES:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)

@@ -199,7 +199,7 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
     for place, column in enumerate(columns):
         if name in (column.head, column.label):
             return place
-    fix = f"it has: {', '.join(column.head for column in columns)}"
+    fix = f"name one of its columns: {', '.join(column.head for column in columns)}"
     raise ConfigError(f"no column {name!r}", place=path, fix=fix)
 
 
@@ -211,7 +211,9 @@ def _text(path: Path, encoding: str) -> Contents:
     try:
         data = unpacked(path, _MAX_BYTES + 1)
         if len(data) > _MAX_BYTES:
-            raise ConfigError(f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split it")
+            raise ConfigError(
+                f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split the table into parts"
+            )
         stated = _stated_encoding(path, data[:3], encoding)
         # a character that was cut off at the end is none
         text = codecs.getincrementaldecoder(stated)().decode(_ERASED.sub(b"", data))

@@ -130,3 +130,47 @@ def test_a_text_has_the_form_of_the_place_where_it_is_read(command, text, python
     with click.Context(main) as context:
         context.meta[RUNNING] = main.get_command(context, command)
         assert (str(text), in_commands(text)) == (python, typed)
+
+
+# what one can be asked to do; a fact, a question or a key alone is no next step
+IMPERATIVES = """
+add allow begin calibrate change charge check chmod choose clean close compare configure connect
+convert copy correct create declare delete describe do download draw edit end enlarge estimate
+exchange export fetch fill free gdalwarp give heat import install join keep learn leave let level
+look make mark measure mount move name omit open pip plug print put qualify quote raise read record
+reduce remove rename repair report request resample run save see select send set shorten show shrink
+split start state stop sudo switch take transform turn type uninstall unpack unplug update use wait
+write
+"""
+
+
+def literal_fixes() -> Iterator[tuple[str, str]]:
+    """Every next step that stands in the product as words alone, X in place of a value."""
+    for file in (file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.keyword) and node.arg == "fix":
+                for words in _literals(node.value):
+                    yield f"{file.relative_to(ROOT)}:{node.value.lineno}", words
+
+
+def _literals(value: ast.expr) -> Iterator[str]:
+    if isinstance(value, ast.IfExp):
+        yield from (*_literals(value.body), *_literals(value.orelse))
+    elif isinstance(value, ast.JoinedStr):
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "X" for part in value.values)
+    elif isinstance(value, ast.Constant) and isinstance(value.value, str):
+        yield value.value
+
+
+def test_every_next_step_can_be_done():
+    """It begins with a verb that asks for something, which is named; a value of the error may stand first."""
+    vague = [
+        f"{place}: {words}"
+        for place, words in literal_fixes()
+        if not words.startswith("X")
+        and (
+            words.split()[0].strip(":,") not in IMPERATIVES.split()
+            or len(words.replace("X", "X X").split()) < 3
+        )
+    ]
+    assert not vague, "\n".join(vague)
