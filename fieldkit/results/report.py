@@ -205,6 +205,7 @@ def _report_sessions(
     if not parts:
         raise next(iter(failures.values()))
     out = out or default_path(paths[0]).with_name("campaign.html")
+    parts.sort(key=lambda part: part.columns.time_ns[:1].tolist())
     title = parts[0].path.resolve().parent.parent.name
     with writing(out):
         write_campaign_report(out, title, parts, sd=options.sd, command_line=command_line())

@@ -134,7 +134,6 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
             f"Final tilt of each region by session, in order of time. Bars: {_confidence(parts)} region; "
             "lines: the given tilts.",
             f"Final tilts: {words}.",
-            wide=True,
             parts=targets,
         )
     ]

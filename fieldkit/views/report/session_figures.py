@@ -117,26 +117,26 @@ class FinalTilt(NamedTuple):
 
 
 def final_tilts(tilts: Sequence[FinalTilt]) -> str:
-    """Final tilts of several sessions side by side, as SVG text."""
-    figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
+    """Final tilts of several sessions one below the other, which a phone shows whole, as SVG text."""
     sessions = list(dict.fromkeys(tilt.session for tilt in tilts))
+    figure, (axes,) = plotting.panels(1, 1.2 + 0.35 * len(sessions))
     targets = list(dict.fromkeys(tilt.estimate.region for tilt in tilts))
     for index, target in enumerate(targets):
         of_target = [tilt for tilt in tilts if tilt.estimate.region == target]
-        aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
+        aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars below each other
         at = np.array([sessions.index(tilt.session) for tilt in of_target]) + aside
         ends = [
             (estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg) for _, estimate, _ in of_target
         ]
         (middle, low, high), truth = np.transpose(ends), [tilt.given_deg for tilt in of_target]
         style = plotting.marks(index, target) | {"linestyle": "none"}
-        bars = axes.errorbar(at, middle, yerr=[middle - low, high - middle], capsize=3, **style)
-        truths = axes.hlines(truth, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
+        bars = axes.errorbar(middle, at, xerr=[middle - low, high - middle], capsize=3, **style)
+        truths = axes.vlines(truth, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
         plotting.mark_part(index, [*bars.get_children(), truths])
-    axes.set_xticks(range(len(sessions)), [name if len(sessions) < 6 else name[:8] for name in sessions])
-    axes.set_xlim(-0.5, len(sessions) - 0.5)
-    axes.grid(visible=False, axis="x")
-    axes.set_ylabel("tilt, °")
+    axes.set_yticks(range(len(sessions)), sessions)
+    axes.set_ylim(len(sessions) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("tilt, °")
     plotting.legend(axes)
     return plotting.svg(figure)
 

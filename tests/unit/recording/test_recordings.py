@@ -137,3 +137,10 @@ def test_a_pipe_among_the_sessions_holds_up_no_command(recordings):
     assert fieldkit("status", "-C", recordings.parent).returncode == 9  # nothing is recorded
     named = fieldkit("show", recordings / "pipe.h5")
     assert (named.returncode, "pipe.h5" in named.stderr) == (3, True)
+
+
+def test_sessions_are_in_natural_order(tmp_path):
+    names = ["d1.h5", "d2.h5", "d10.h5", "day 2 b.h5", "day 10 a.h5", "x20160101T190001Z.h5"]
+    for name in names:
+        (tmp_path / name).touch()
+    assert [path.name for path in sessions_in(tmp_path)] == names
