@@ -24,6 +24,20 @@ if TYPE_CHECKING:
 SITE = Path(__file__).resolve().parents[1] / "site"
 REQUIRED, AXE = "FIELDKIT_ALL_REQUIRED", "FIELDKIT_AXE"
 PHONE = {"width": 390, "height": 844}
+FIRST_HITS = {
+    "arduino": "devices/text",
+    "esp32": "devices/text",
+    "phyphox": "import-recordings",
+    "uncertain": "trust",
+    "undo": "field-page",
+    "stop": "command-line",
+    "shade": "two-experiments",
+    "csv": "export-recordings",
+    "raspberry": "raspberry-pi",
+    "alarm": "alarms",
+    "emissivity": "calibrate-emissivity",
+}
+"""Words that people type, and the page that is right for each."""
 CARD, HOME = "how-to/field-card.html", "index.html"
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 AXE_SCRIPT = """async (rules) => (await axe.run(document, {runOnly: rules})).violations.map(
@@ -68,18 +82,22 @@ def wrong_request(url: str) -> str | None:
 
 
 def search(site: Path, browser: Browser) -> Iterator[str]:
-    """What is wrong with the search of a site opened from disk."""
+    """Which words that people type do not lead to their page first, in a site opened from disk."""
     from playwright.sync_api import TimeoutError as NothingFoundError
 
-    page = browser.new_page()
-    page.goto((site / HOME).as_uri())
-    page.locator("input[name=query]").press_sequentially("emissivity")
-    try:
-        page.locator("a.md-search-result__link[href*='calibrate-emissivity']").first.wait_for(
-            state="attached", timeout=10_000
-        )
-    except NothingFoundError:
-        yield "the search does not find the page on emissivity"
+    for word, name in FIRST_HITS.items():
+        page = browser.new_page()
+        page.goto((site / HOME).as_uri())
+        page.locator("input[name=query]").press_sequentially(word)
+        hits = page.locator("a.md-search-result__link")
+        try:
+            hits.first.wait_for(state="attached", timeout=10_000)
+        except NothingFoundError:
+            yield f"the search finds nothing for {word}"
+        else:
+            if f"/{name}.html" not in (hit := hits.first.get_attribute("href") or ""):
+                yield f"the search finds {hit} for {word}, not {name}"
+        page.close()
 
 
 def sheets(path: Path, browser: Browser) -> int:
