@@ -1,4 +1,4 @@
-"""What the theme lacks: the name of its search dialog, which screen readers announce, and a search without decisions."""
+"""What the theme lacks: a name of its search dialog for screen readers, and a search without decisions."""
 
 from __future__ import annotations
 
