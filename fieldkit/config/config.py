@@ -136,6 +136,8 @@ class Config:
                 for name, kind in self._by_region("surface_kind").items()
                 if kind != self.tables.surface.kind
             },
+            same=self.tables.surface.same,
+            level_sds_deg=self._by_region("level_sd_deg"),
             probes={name: tuple(probes) for name, probes in self._by_region("probes").items()},
             horizon=tuple(self.tables.site.horizon),
             horizons={name: tuple(horizon) for name, horizon in self._by_region("horizon").items()},

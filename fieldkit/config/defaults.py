@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.config.files import table_in
-from fieldkit.estimation.surface_kinds import KINDS, SAND, Kind
+from fieldkit.estimation.surface_kinds import KINDS, SAME, SAND, Kind
 from fieldkit.physics.bodies import BODIES, EARTH, Body
 from fieldkit.physics.dust import dusty_sky
 
@@ -25,10 +25,12 @@ def with_defaults(document: Mapping[str, Any], defaults: Mapping[str, Any]) -> d
 
 def with_defaults_of_kind(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The plain configuration with the defaults of its kind of surface, where it does not set them."""
-    kind, is_stated = _kind(document), "albedo" in table_in(document, "surface")
+    kind, surface = _kind(document), table_in(document, "surface")
+    if surface.get("same") is True:
+        document = with_defaults(document, {"prior": SAME})
     if kind == SAND:
         return document
-    return with_defaults(document, KINDS[kind].defaults(albedo_stated=is_stated))
+    return with_defaults(document, KINDS[kind].defaults(albedo_stated="albedo" in surface))
 
 
 def forget_defaults_of_kind(document: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from pydantic.main import create_model
 
 from fieldkit.config.defaults import with_defaults_of_kind, with_defaults_of_world
 from fieldkit.config.files import KeyPath
-from fieldkit.estimation.estimator_keys import EstimatorKeys
+from fieldkit.estimation.estimator_keys import LEVEL_SD_DEG, EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
@@ -208,6 +208,9 @@ class SurfaceTable(Table):
     kind: Kind = _key(
         SAND, "gives the defaults of exchange, albedo, slab and tilt that differ from those of sand"
     )
+    same: bool = _key(
+        False, "whether all beds are of one heap, laid at one time: they differ less, and slopes are sharper"
+    )
     albedo: float = _key(0.20, f"A of the balance {TABLE_1}", ge=0, lt=1)
     emissivity: Fraction = _key(0.90, 'in the camera\'s band, 8-14 um; or "@name" of a calibration')
     emissivity_sd: float = _key(
@@ -350,7 +353,8 @@ class RegionOutline(Table):
 
     name: Name = _needed("b15", "letters, digits, - and _")
     kind: Literal["reference", "target"] = _key(
-        "target", "the reference is the region of known slope, usually flat"
+        "target",
+        "reference: a region of known slope, flat, or a bed besides whose slope was measured; several are better",
     )
     points_px: list[Point] = _needed(
         [[29, 29], [66, 28], [66, 53], [24, 56]],
@@ -416,6 +420,9 @@ class RegionTable(RegionOutline):
 
     emissivity_sd: float = _key(
         0.0, "standard uncertainty of emissivity; a record brings its own", ge=0, lt=1
+    )
+    level_sd_deg: float = _key(
+        LEVEL_SD_DEG, "standard uncertainty of a reference's slope, by its level", ge=0.01, le=10
     )
     surface_kind: Kind | None = _unset(
         "rock", "its kind of surface, where it differs from surface.kind; a target's, for learned"

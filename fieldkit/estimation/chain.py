@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
+from fieldkit.estimation.estimator_keys import LEVEL_SD_DEG
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.errors import ErrorSums
@@ -41,11 +42,6 @@ TOGETHER = 4
 """Targets that learn together with the references.
 
 Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
-"""
-KNOWN_BED_SD_DEG = 0.2
-"""Standard uncertainty of a tilt measured with a level, for advice about a known bed.
-
-Judged: because an electronic level reads to 0.1 degrees and a raked bed is no plane.
 """
 ONE_KNOWN = "one region of known slope"
 AIR_LOGGED_SD_K = 0.5
@@ -313,13 +309,19 @@ class _Group:
             self._shade = shaded[self._first : self._taken]
             heaviest = int(np.argmax(self._learner.posterior.log_weights))
             self._errors = self._learner.errors.under(heaviest)
-            self._found = [readout.known_slope(self._learner, index) for index in range(self._targets.size)]
+            self._found = [
+                readout.known_slope(self._learner, self._place(index)) for index in range(self._targets.size)
+            ]
             self._moments = readout.moments(self._learner)
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
         chosen = history.only(self._places)
         return [self._estimate(chosen, index) for index in self._holding()]
+
+    def _place(self, index: int) -> int:
+        """Place of a target of the group among those of the layout, where further references come first."""
+        return self._layout.stated + index
 
     def _holding(self) -> list[int]:
         """Indices of the targets that hold."""
@@ -348,7 +350,7 @@ class _Group:
         slope = self._found[index]
         region = self._columns.regions[self._targets[index]]
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
-        if self._layout.facing[index].shape[1] == 2:
+        if self._layout.facing[self._place(index)].shape[1] == 2:
             tilt, azimuth = _along_known_azimuth(tilt, azimuth, region.azimuth_deg)
         filled = replace(
             blank,
@@ -358,8 +360,8 @@ class _Group:
             tilt_high_deg=max(slope.region.tilt_high_deg, tilt),
             azimuth_low_deg=slope.region.azimuth_low_deg,
             azimuth_high_deg=slope.region.azimuth_high_deg,
-            chi_square=self._errors.chi_square(self._layout.references + index),
-            kelvin_per_degree=_kelvin_per_degree(learner, index, tilt, azimuth),
+            chi_square=self._errors.chi_square(self._layout.region(self._place(index))),
+            kelvin_per_degree=_kelvin_per_degree(learner, self._place(index), tilt, azimuth),
         )
         if not self._has_seen_the_sun(learner, slope.best):
             reason = "the sun has not reached it: what is known of it comes from skylight alone"
@@ -415,7 +417,7 @@ class _Group:
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         # the reference's errors too: every slope rests on it
-        worst = self._errors.misfit[[0, self._layout.references + index]].max()
+        worst = self._errors.misfit[[0, self._layout.region(self._place(index))]].max()
         if worst <= readout.MOST_MISFIT:
             return ""
         question = readout.cause(learner.minutes, self._surprise(learner))
@@ -436,7 +438,7 @@ class _Group:
 
     def _advice(self, index: int, half_deg: float) -> str:
         """The measurement that would narrow a tilt most, known to `half_deg`."""
-        joint, name = self._moments, f"tilt{index}"
+        joint, name = self._moments, f"tilt{self._place(index)}"
         sd = joint.sd(name)
         stated = f"with prior.longwave_sd_w_m2 = {LONGWAVE_MEASURED_SD_W_M2:g}"
         offers = {
@@ -446,7 +448,7 @@ class _Group:
         }
         for other in range(self._targets.size):
             if other != index:
-                sd_with_known_bed = joint.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
+                sd_with_known_bed = joint.sd_if_known(name, f"tilt{self._place(other)}", LEVEL_SD_DEG)
                 offers[ONE_KNOWN] = min(sd_with_known_bed, offers.get(ONE_KNOWN, math.inf))
         best = min(offers, key=lambda offer: offers[offer])
         return f"{best} would narrow ±{half_deg:.1f}° to ±{half_deg * offers[best] / sd:.1f}°"
@@ -456,7 +458,7 @@ class _Group:
         if self._learner is not None:
             for index in self._holding():
                 name = self._columns.regions[self._targets[index]].name
-                yield name, slope_budget(self._learner, self._moments, index)
+                yield name, slope_budget(self._learner, self._moments, self._place(index))
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""
@@ -496,7 +498,7 @@ def _along_known_azimuth(tilt: float, azimuth: float, known_azimuth: float) -> t
 
 def _missing(history: History, layout: Layout, region: Region) -> str:
     """Reason why the chain has not begun."""
-    if not np.isfinite(history.temperature_k[:, layout.columns[: layout.references]]).any():
+    if not np.isfinite(history.temperature_k[:, layout.columns[0]]).any():
         return "no temperatures of the reference yet"
     if not np.isfinite(history.temperature_k[:, layout.columns]).all(axis=1).any():
         return "no minute yet with temperatures of all regions"

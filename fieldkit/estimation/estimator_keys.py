@@ -32,6 +32,13 @@ def key(default: Any, description: str, **accepted: Any) -> Any:
     return field(default=default, metadata={"description": description, **is_strict, **accepted})
 
 
+LEVEL_SD_DEG = 0.3
+"""Standard uncertainty of a reference's slope, where none is stated.
+
+Judged: because an electronic level reads to 0.1 degrees, and a raked bed is no plane.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class EstimatorKeys:
     """Estimation of slopes from minute bins."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fieldkit.estimation.estimator_keys import EstimatorKeys
+from fieldkit.estimation.estimator_keys import LEVEL_SD_DEG, EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import KINDS, SAND, Kind, Unlike
 from fieldkit.model.site import Site
@@ -40,6 +40,10 @@ class EstimatorSettings(EstimatorKeys):
         Kind of the surface.
     kinds
         Kind of surface of each region that has another one than the references, by its name; learned only.
+    same
+        Whether the beds are stated to be of one heap; the sizes of what is a bed's own are in `prior`.
+    level_sds_deg
+        Standard uncertainties of the references' slopes, by name; elsewhere `LEVEL_SD_DEG`. [degrees]
     probes
         Contact thermometers in each region, by its name: ``STREAM:CHANNEL``, the channel by name or number.
     horizon, horizons
@@ -72,6 +76,8 @@ class EstimatorSettings(EstimatorKeys):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     kind: Kind = SAND
     kinds: Mapping[str, Kind] = field(default_factory=dict)
+    same: bool = False
+    level_sds_deg: Mapping[str, float] = field(default_factory=dict)
     probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     horizon: Horizon = ()
     horizons: Mapping[str, Horizon] = field(default_factory=dict)
@@ -104,6 +110,10 @@ class EstimatorSettings(EstimatorKeys):
         if kind is None:
             return Unlike(normal_horizontal_sd=prior.normal_horizontal_sd)
         return Unlike.of(KINDS[kind], prior.exchange_w_m2_k, self.slab, self.surface.albedo)
+
+    def level_sd_deg(self, region: str) -> float:
+        """Standard uncertainty of a reference's slope, by its name."""
+        return self.level_sds_deg.get(region, LEVEL_SD_DEG)
 
     def horizon_of(self, region: str) -> Horizon:
         """The horizon of a region by its name: its own, else the site's."""

@@ -160,7 +160,7 @@ def logged_inputs(
         float(weight * probe_errors.mean() / information) if probe_errors.size else 0.0,
         float(information**-0.5),
         difference_covariance_k2(
-            _begin_k(history.temperature_k[row, layout.columns], layout),
+            _begin_k(history.temperature_k[row, layout.columns]),
             [regions[column] for column in layout.columns],
             settings,
         ),
@@ -184,10 +184,10 @@ def can_start(history: History, row: int, layout: Layout, required: BoolArray | 
 
 
 def first_row(history: History, layout: Layout) -> int | None:
-    """The first row in which all references can be compared with all targets that the history has at all."""
+    """The first row in which the first reference can be compared with all others that the history has."""
     required = np.asarray(np.isfinite(history.temperature_k[:, layout.columns]).any(axis=0))
-    required[: layout.references] = True
-    rows = range(len(history)) if required[layout.references :].any() else ()
+    required[0] = True
+    rows = range(len(history)) if required[1:].any() else ()
     return next((row for row in rows if can_start(history, row, layout, required)), None)
 
 
@@ -207,7 +207,7 @@ def minute_inputs(
     surface = settings.surface
     kelvin = history.temperature_k[row, layout.columns]
     measured = np.isfinite(kelvin)
-    kelvin = np.where(measured, kelvin, _begin_k(kelvin, layout) if before is None else before.temperature_k)
+    kelvin = np.where(measured, kelvin, _begin_k(kelvin) if before is None else before.temperature_k)
     cos_zenith = max(float(history.sun[row, 2]), 0.0)
     light = light_at(history, row)
     direct, diffuse = light.direct_w_m2, _diffuse(light, cos_zenith, settings)
@@ -222,8 +222,8 @@ def minute_inputs(
         air_k = air_unlogged_k(longwave, settings, int(history.time_ns[row]))
     longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
-    # the ground around, which the regions see, is taken to be as warm as the references
-    ground_k = kelvin[: layout.references].mean()
+    # the ground around, which the regions see, is taken to be as warm as the flattest reference
+    ground_k = kelvin[0]
     top = float(daylight.extraterrestrial(history.time_ns[row], BODIES[settings.body]))
     circumsolar = settings.circumsolar_share * float(np.clip(direct / top, 0.0, 1.0))
     around_sun, band = circumsolar, 0.0
@@ -280,9 +280,9 @@ def recorded_session(
     return Recorded(logged_inputs(history, first, layout, regions, settings), minutes)
 
 
-def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:
-    """Temperatures to begin with: a region that is not measured is taken to be as warm as the references."""
-    return np.where(np.isfinite(kelvin), kelvin, kelvin[: layout.references].mean())
+def _begin_k(kelvin: FloatArray) -> FloatArray:
+    """Temperatures to begin with: a region that is not measured is taken to be as warm as the first."""
+    return np.where(np.isfinite(kelvin), kelvin, kelvin[0])
 
 
 def _wind_change(history: History, row: int) -> float:

@@ -2,8 +2,11 @@
 
 For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
 board), slow exchange of each bed's own; then what is constant: gain, diffuse light and its shape, longwave,
-air, wind, a further session's exchange, the beds' normals times the gain, offsets, drifts; last what each
-region does alone within minutes.
+air, wind, a further session's exchange, the level of the first reference, the beds' normals times the gain,
+offsets, drifts; last what each region does alone within minutes.
+
+A target is any region but the first reference, to which all others are compared: a further reference is a
+target whose slope is stated.
 """
 
 from __future__ import annotations
@@ -14,10 +17,11 @@ from functools import cached_property
 import numpy as np
 
 from fieldkit.estimation.bins import RegionColumns
+from fieldkit.estimation.normal import tangent_pair
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.model.arrays import FloatArray, IntArray
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.horizon import Horizon, sky_view_factor
 from fieldkit.physics.layer_modes import MODES
 
@@ -38,15 +42,17 @@ SHARED = (
 
 @dataclass(frozen=True)
 class Layout:
-    """Places in the state of regions: references first, then targets.
+    """Places in the state of regions: references first, the flattest of them leading, then the others.
 
-    `columns` are their columns of the history, `known` (r, 3) normals of the references. `facing` has for
-    each target (3, k), whose columns span its normal: three axes, or with a known azimuth two. `horizons` and
-    `unlike` are of each region; the latter is its surface against that of the references.
+    `columns` are their columns of the history, `known` (r, 3) normals of the references and `level_sds` (r,)
+    the standard deviations of their directions in radians. `facing` has for each target (3, k), whose columns
+    span its normal: three axes, or with a known azimuth two. `horizons` and `unlike` are of each region; the
+    latter is its surface against that of the references.
     """
 
     columns: IntArray
     known: FloatArray
+    level_sds: FloatArray
     facing: tuple[FloatArray, ...]
     horizons: tuple[Horizon, ...]
     unlike: tuple[Unlike, ...]
@@ -54,13 +60,16 @@ class Layout:
     @classmethod
     def of(cls, columns: RegionColumns, targets: IntArray, settings: EstimatorSettings) -> Layout:
         """References and some of the targets, given as columns."""
-        chosen = np.concatenate([columns.references, targets])
+        flattest_first = np.argsort(-columns.reference_normals[:, 2], kind="stable")
+        chosen = np.concatenate([columns.references[flattest_first], targets])
         is_known = settings.azimuth == "known"
-        facing = tuple(_facing(columns.regions[column], is_known) for column in targets)
+        facing = tuple(_facing(columns.regions[column], is_known) for column in chosen[1:])
         names = [columns.regions[column].name for column in chosen]
         horizons = tuple(settings.horizon_of(name) for name in names)
         unlike = tuple(settings.unlike(name) for name in names)
-        return cls(chosen, columns.reference_normals, facing, horizons, unlike)
+        known = columns.reference_normals[flattest_first]
+        level_sds = np.radians([settings.level_sd_deg(name) for name in names[: len(known)]])
+        return cls(chosen, known, level_sds, facing, horizons, unlike)
 
     @cached_property
     def sky_views(self) -> FloatArray:
@@ -79,17 +88,31 @@ class Layout:
 
     def unlike_of(self, target: int) -> Unlike:
         """A target's surface against that of the references."""
-        return self.unlike[self.references + target]
+        return self.unlike[self.region(target)]
 
     @property
-    def references(self) -> int:
-        """Number of references."""
-        return len(self.known)
+    def stated(self) -> int:
+        """Number of the targets whose slope is stated; they come first."""
+        return len(self.known) - 1
 
     @property
     def targets(self) -> int:
         """Number of targets."""
         return len(self.facing)
+
+    def stated_normal(self, target: int) -> FloatArray:
+        """Normal of a target whose slope is stated, in the axes of `facing` (k,)."""
+        return np.asarray(self.known[self.region(target)] @ self.facing[target])
+
+    @staticmethod
+    def region(target: int) -> int:
+        """Place of a target among the regions."""
+        return 1 + target
+
+    @cached_property
+    def level_axes(self) -> FloatArray:
+        """Directions (3, 2) in which the first reference may be off level."""
+        return np.stack(tangent_pair(self.known[0]), axis=1)
 
     @cached_property
     def regions(self) -> int:
@@ -116,9 +139,15 @@ class Layout:
         """Place of what drives a target's own slow exchange."""
         return self.slow_exchange(self.targets) + target
 
+    @property
+    def level(self) -> slice:
+        """Places of how far the first reference is off level times the gain, along `level_axes`."""
+        first = self.slow_exchange_drive(self.targets)
+        return slice(first, first + 2)
+
     def normal(self, target: int) -> slice:
         """Places of a target's normal times the gain, in the axes of `facing`."""
-        first = self.slow_exchange_drive(self.targets) + sum(axes.shape[1] for axes in self.facing[:target])
+        first = self.level.stop + sum(axes.shape[1] for axes in self.facing[:target])
         return slice(first, first + self.facing[target].shape[1])
 
     def offset(self, region: int) -> int:
@@ -163,7 +192,8 @@ class Layout:
         How much more one bed gives off than another depends on where the wind comes from.
         """
         own = range(self.own_response(0), self.own_response(self.targets))
-        return np.array([self.place("wind"), *self.gain_and_normals, *own], np.int64)
+        level = range(self.level.start, self.level.stop)
+        return np.array([self.place("wind"), *self.gain_and_normals, *own, *level], np.int64)
 
     @property
     def smooth(self) -> dict[int, int]:
@@ -179,7 +209,9 @@ class Layout:
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:
-    if not (is_azimuth_known and np.isfinite(region.azimuth_deg)):
+    # a level reference has no azimuth: it may be off to any side
+    is_level = region.kind is RegionKind.REFERENCE and not region.tilt_deg > 0.0
+    if is_level or not (is_azimuth_known and np.isfinite(region.azimuth_deg)):
         return np.eye(3)
     azimuth = np.radians(region.azimuth_deg)
     return np.array([[np.sin(azimuth), 0.0], [np.cos(azimuth), 0.0], [0.0, 1.0]])

@@ -250,8 +250,8 @@ class Learner:
     def _weigh(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
         normals = unit_normals(self._draw.filters, starts, steps)
         tilts = [
-            tilt_azimuth(unit @ axes.T)[0]
-            for unit, axes in zip(normals.units, self.layout.facing, strict=True)
+            tilt_azimuth(normals.units[target] @ self.layout.facing[target].T)[0]
+            for target in range(self.layout.stated, self.layout.targets)
         ]
         # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
@@ -273,7 +273,7 @@ class Learner:
         return {
             target: other
             for target, other in others.items()
-            if tilt_azimuth(facing[target] @ other)[0] <= limit
+            if target >= self.layout.stated and tilt_azimuth(facing[target] @ other)[0] <= limit
         }
 
 

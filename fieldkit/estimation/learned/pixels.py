@@ -221,7 +221,7 @@ class _Pair:
     def _targets(self) -> list[tuple[FloatArray, FloatArray, IntArray]]:
         """Targets of known slope: temperature over the reference (m,), what is left of it, and when."""
         targets = []
-        for place in range(self._layout.references, self._layout.regions):
+        for place in range(self._layout.region(0), self._layout.regions):
             column = self._layout.columns[place]
             slope = self._normals.get(self._columns.regions[column].name)
             if slope is None:
@@ -269,16 +269,16 @@ class _Pair:
 
     @property
     def _reference_k(self) -> FloatArray:
-        return np.asarray(self._temperature_k[:, : self._layout.references].mean(axis=1))
+        return self._temperature_k[:, 0]
 
     @property
     def _reference_normal(self) -> FloatArray:
-        return np.asarray(self._layout.known.mean(axis=0))
+        return np.asarray(self._layout.known[0])
 
     @property
     def _typical_over_k(self) -> FloatArray:
         """Temperature over the reference (m,) for which the scatter of pixels is that of the targets."""
-        over_k = self._temperature_k[:, self._layout.references :] - self._reference_k[:, np.newaxis]
+        over_k = self._temperature_k[:, self._layout.region(0) :] - self._reference_k[:, np.newaxis]
         return np.asarray(np.sqrt((over_k**2).mean(axis=1)))
 
     @cached_property
@@ -296,7 +296,7 @@ class _Pair:
 
     def _alone(self, over_k: FloatArray) -> FloatArray:
         """Covariance (m, m) of ``dT + R F`` by what a target does alone, so much over the reference."""
-        layout, target, kelvin = self._layout, self._layout.references, self._reference_k + over_k
+        layout, target, kelvin = self._layout, self._layout.region(0), self._reference_k + over_k
         hours = np.array([minute.hours for minute in self._minutes])
         offset, drift = (self._prior[place, place] for place in (layout.offset(target), layout.drift(target)))
         read = self._lost @ (offset + drift * np.outer(hours, hours)) @ self._lost.T

@@ -95,6 +95,11 @@ LEAST_UP_SD, UP_SHARE = 0.15, 0.6
 Judged: because in the filter a normal has no unit length yet; a narrow vertical component would be a second
 prior of the gain.
 """
+OWN_LENGTH_SD = 0.5
+"""Length of a stated normal times the gain, apart from the gain.
+
+Judged: because it should decide nothing: what a bed absorbs more or less has its prior in `normals`.
+"""
 DIRECT_SD = 0.07
 """Relative, of direct light that is a reading less an assumed share of diffuse light.
 
@@ -161,6 +166,8 @@ def prior_mean(
     for target in range(layout.targets):
         up, _ = upwards(layout.unlike_of(target).normal_horizontal_sd)
         mean[layout.normal(target)] = settings.scale * up * layout.facing[target][2]
+    for target in range(layout.stated):
+        mean[layout.normal(target)] = settings.scale * layout.stated_normal(target)
     return mean
 
 
@@ -216,11 +223,14 @@ def prior_covariance(
         variance[:, layout.own_exchange(target)] = lasting**2
         variance[:, layout.drying(target)] = DRYING_W_M2**2
         variance[:, layout.own_response(target)] = (unlike * prior.own_inertia_sd) ** 2 + own.inertia_sd**2
+    variance[:, layout.level] = (settings.scale * layout.level_sds[0]) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
     covariance = np.zeros((*variance.shape, layout.size))
     covariance[:, range(layout.size), range(layout.size)] = variance
+    for target in range(layout.stated):
+        _state_slope(covariance, layout, target, settings.scale)
     offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
     covariance[:, offsets, offsets] += logged.emissivities_k2
     air, longwave = layout.place("air"), layout.place("longwave")
@@ -240,6 +250,16 @@ def prior_covariance(
         level = layout.stores(here).start
         covariance[:, level, level] += LEVEL_SD_K**2
     return covariance
+
+
+def _state_slope(covariance: FloatArray, layout: Layout, target: int, scale: float) -> None:
+    """Enter into covariances (p, n, n) that the slope of a target is stated: it shows the gain."""
+    along, places, gain = layout.stated_normal(target), layout.normal(target), layout.place("gain")
+    gain_variance = covariance[0, gain, gain]
+    square, level = np.outer(along, along), (scale * layout.level_sds[layout.region(target)]) ** 2
+    covariance[:, places, places] = level * (np.eye(along.size) - square)
+    covariance[:, places, places] += (gain_variance + OWN_LENGTH_SD**2) * square
+    covariance[:, gain, places] = covariance[:, places, gain] = gain_variance * along
 
 
 def _past_fills() -> FloatArray:

@@ -222,7 +222,7 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states and offsets, by hypothesis."""
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.place(name) for name in STATES]
-    others += [layout.offset(layout.references + target) for target in range(layout.targets)]
+    others += [layout.offset(layout.region(target)) for target in range(layout.targets)]
     constrained = layout.gain_and_normals
     shared = filters.covariance[:, others][:, :, constrained]
     steps, tilts = _by_tilt(learner)

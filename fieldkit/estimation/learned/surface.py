@@ -224,7 +224,7 @@ class SurfaceModel:
         ones = np.ones((1, self.layout.regions))
         open_ = replace(minute, shaded=0.0 * ones[0], sunlit=ones[0])
         light = Light(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
-        return self._sources(open_, light).rows[0, self.layout.references, self.layout.normal(0)]
+        return self._sources(open_, light).rows[0, self.layout.region(0), self.layout.normal(0)]
 
     def warming(self, minutes: int) -> tuple[FloatArray, FloatArray]:
         """Warming of the first region's layer, by the first hypothesis, over minutes.
@@ -277,7 +277,7 @@ class SurfaceModel:
         for region in range(self.layout.regions):
             rows[:, region, self.layout.stores(region)] += self._weights[:, region] * MEAN
         for target in range(self.layout.targets):
-            region = self.layout.references + target
+            region = self.layout.region(target)
             # another inertia is another share of what the layer has warmed so far
             warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
             rows[:, region, self.layout.own_response(target)] += warmed
@@ -298,7 +298,7 @@ class SurfaceModel:
         rows[:, :, place("air_drift")] += (exchange + further) * minute.air_stale_h
         rows[:, :, place("wind")] -= by_wind * minute.wind_change
         for target in range(self.layout.targets):
-            region = self.layout.references + target
+            region = self.layout.region(target)
             for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
                 rows[:, region, own] -= over_air[:, region]
             rows[:, region, self.layout.drying(target)] += 1.0
@@ -316,7 +316,7 @@ class SurfaceModel:
         common = self.hypotheses.exchange + session + gusts + by_wind
         own = np.zeros_like(taken_k)
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
-            own[:, layout.references :] += mean[:, first : first + layout.targets]
+            own[:, layout.region(0) :] += mean[:, first : first + layout.targets]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
         # normal numbers have no bound, and below zero heat would flow uphill
         return np.asarray(radiated + np.maximum(common[:, np.newaxis] * layout.exchanges + own, 0.0))
@@ -325,10 +325,10 @@ class SurfaceModel:
         """Rows (regions, n, 3) that give each region's normal times the gain."""
         layout = self.layout
         normals = np.zeros((layout.regions, layout.size, 3))
-        for region, known_normal in enumerate(layout.known):
-            normals[region, layout.place("gain")] = known_normal
+        normals[0, layout.place("gain")] = layout.known[0]
+        normals[0, layout.level] = layout.level_axes.T
         for target, axes in enumerate(layout.facing):
-            normals[layout.references + target, layout.normal(target)] = axes.T
+            normals[layout.region(target), layout.normal(target)] = axes.T
         return normals
 
     def _sources(self, minute: MinuteInputs, light: Light) -> Affine:

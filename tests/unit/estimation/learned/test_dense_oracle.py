@@ -37,6 +37,8 @@ LASTING = ("gain", "wind")
 OF_SESSION = ("diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift")
 NOISE = Noise(0.04, 0.08)
 LATER_NOISE = Noise(0.06, 0.05)
+LEVEL_SD = np.radians(0.3)
+"""Of a reference's direction, as the settings have it where nothing is stated."""
 LATER_EXCHANGE = 2.0
 """Around which a later session's exchange over the first one's is taken, W m-2 K-1."""
 
@@ -128,7 +130,7 @@ def known(has_air, settings):
 
 def own_kind(settings, layout, region):
     """The kind of a region's surface; that of the references has no spread of its own."""
-    kind = settings.kinds.get(f"bed{region - layout.references}")
+    kind = settings.kinds.get(f"bed{region - 1}")
     if kind is not None:
         return KINDS[kind]
     alike = {"exchange_log_sd": 0.0, "inertia_log_sd": 0.0}
@@ -145,7 +147,7 @@ def own_modes(settings, layout, region):
     """Of a region's layer."""
     slab, own = settings.slab, own_kind(settings, layout, region)
     inertia, depth = np.sqrt(own.conductivity_w_m_k * own.heat_capacity_j_m3_k), own.depth_m
-    if f"bed{region - layout.references}" not in settings.kinds:
+    if f"bed{region - 1}" not in settings.kinds:
         inertia, depth = slab.thermal_inertia, slab.depth_m
     inertia, depth = DRAWN.inertia * inertia / slab.thermal_inertia, DRAWN.depth_m * depth / slab.depth_m
     return layer_modes(inertia, depth, slab.heat_capacity_j_m3_k)
@@ -172,11 +174,16 @@ class Unknowns:
         sds = prior_sds(settings, known(has_air, settings))
         for name in LASTING:
             self.block(name, means[name], sds[name] ** 2)
+        self.block("off_level", 0.0, (settings.scale * LEVEL_SD) ** 2 * np.eye(2))
         for target, axes in enumerate(layout.facing):
-            up, own = axes[2] > 0.0, own_kind(settings, layout, layout.references + target)
+            up, own = axes[2] > 0.0, own_kind(settings, layout, layout.region(target))
             horizontal = own.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
             sd = np.where(up, 0.15, horizontal)
-            self.block(f"normal{target}", np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2))
+            mean, covariance = np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2)
+            if target < layout.stated:  # beside the gain times the stated normal
+                along = np.outer(*2 * [layout.known[1 + target] @ axes])
+                mean, covariance = 0.0, LEVEL_SD**2 * (np.eye(len(along)) - along) + 0.25 * along
+            self.block(f"normal{target}", mean, covariance)
             response = np.hypot(unlike(NOISE) * prior.own_inertia_sd, own.inertia_log_sd)
             self.block(f"own_response{target}", 0.0, response**2)
 
@@ -210,9 +217,9 @@ class Dense:
         self.block("gain_change", 0.0, later * 0.03**2)
         self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
         for target in range(layout.targets):
-            own = own_kind(settings, layout, layout.references + target)
+            own = own_kind(settings, layout, layout.region(target))
             share = np.hypot(unlike(self.noise) * prior.own_exchange, own.exchange_log_sd)
-            lasting = share * own_exchange(settings, layout, layout.references + target)
+            lasting = share * own_exchange(settings, layout, layout.region(target))
             self.block(f"own_exchange{target}", 0.0, lasting**2)
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
@@ -240,7 +247,7 @@ class Dense:
             "air_change": (air_k, constants.AIR_MINUTES),
         }
         for target in range(self.layout.targets):
-            region = self.layout.references + target
+            region = self.layout.region(target)
             usual = prior.exchange_w_m2_k / drawn.exchange[0]
             own = prior.own_slow_exchange * usual * own_exchange(self.settings, self.layout, region)
             slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
@@ -273,6 +280,8 @@ class Dense:
             yield layout.own_exchange(target), self.blocks[f"own_exchange{target}"].start
             normal, block = layout.normal(target), self.blocks[f"normal{target}"]
             yield from zip(range(normal.start, normal.stop), range(block.start, block.stop), strict=True)
+        off_level = self.blocks["off_level"]
+        yield from zip(range(layout.level.start, layout.level.stop), range(off_level.start, off_level.stop))
 
     def _without_losses(self, region):
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
@@ -281,6 +290,9 @@ class Dense:
             flux, constant[number] = self.model.flux(minute, region)
             for place, unknown in self._places(number):
                 rows[number, unknown] = flux[place]
+            for target in range(self.layout.stated):
+                along = self.layout.known[1 + target] @ self.layout.facing[target]
+                rows[number, self.blocks["gain"].start] += flux[self.layout.normal(target)] @ along
             if self.ended is not None:
                 scaled = self.layout.gain_and_normals
                 rows[number, self.blocks["gain_change"].start] = flux[scaled] @ self.ended[scaled]
@@ -310,9 +322,9 @@ class Dense:
         moment, beam = self.blocks["moment"].start, self.blocks["beam"].start
         each = np.arange(n)
         free[each, moment + each] += kernel[0] * rows[each, beam + each]
-        if region >= self.layout.references:
+        if region:
             level_k = fixed[self.layout.stores(region).start]
-            free[:, self.blocks[f"own_response{region - self.layout.references}"].start] += taken_k - level_k
+            free[:, self.blocks[f"own_response{region - 1}"].start] += taken_k - level_k
         # T = free + R (c - L (T - taken))
         known = conducted @ (constant + losses @ taken_k)
         both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))
@@ -358,9 +370,9 @@ def solved(unknowns, sessions):
     return mean + shared.T @ solution[:, 0], covariance - shared.T @ solution[:, 1:], log_likelihood
 
 
-def window(seed, day, azimuth, start_h=12.0, kinds=None):
+def window(seed, day, azimuth, start_h=12.0, kinds=None, known_bed=False):
     """Minutes of two beds and the reference with a board over one and frames missing; layout, settings."""
-    world = drawn_world(seed, day, minutes=MINUTES, start_h=start_h)
+    world = drawn_world(seed, day, minutes=MINUTES, start_h=start_h, known_bed=known_bed)
     regions = world.regions[:3]
     history = world.history
     flags = np.zeros((MINUTES, 4), np.int64)
@@ -393,6 +405,8 @@ def agree(filters, lasting, of_session, mean, covariance):
     assert filters.covariance[0, gain, gain] == pytest.approx(variance, rel=1e-5)
     for target, axes in enumerate(layout.facing):
         place, along = layout.normal(target), scaled(f"normal{target}", layout.normal(target))
+        if target < layout.stated:
+            along[:, lasting["gain"].start] = layout.known[1 + target] @ axes
         found, expected = (tilt_azimuth(axes @ one) for one in (filters.mean[0, place], along @ mean))
         assert found[0] == pytest.approx(expected[0], abs=1e-6)
         spread, wanted = filters.covariance[0, place, place], along @ covariance @ along.T
@@ -405,18 +419,19 @@ def agree(filters, lasting, of_session, mean, covariance):
 
 
 @pytest.mark.parametrize(
-    ("seed", "day", "azimuth", "has_air", "kinds"),
+    ("seed", "day", "azimuth", "has_air", "kinds", "known_bed"),
     [
-        (1, CLEAR, "known", True, {}),
-        (2, CLEAR, "free", False, {}),
-        (3, BROKEN_CLOUD, "known", False, {}),
-        (4, BROKEN_CLOUD, "free", True, {}),
-        (5, CLEAR, "free", True, {"bed1": "vegetation"}),
-        (6, CLEAR, "known", False, {"bed0": "rock", "bed1": "snow"}),
+        (1, CLEAR, "known", True, {}, False),
+        (2, CLEAR, "free", False, {}, False),
+        (3, BROKEN_CLOUD, "known", False, {}, False),
+        (4, BROKEN_CLOUD, "free", True, {}, True),
+        (5, CLEAR, "free", True, {"bed1": "vegetation"}, False),
+        (6, CLEAR, "known", False, {"bed0": "rock", "bed1": "snow"}, False),
+        (7, CLEAR, "known", True, {}, True),
     ],
 )
-def test_filter_is_the_dense_solution(seed, day, azimuth, has_air, kinds):
-    layout, minutes, settings = window(seed, day, azimuth, kinds=kinds)
+def test_filter_is_the_dense_solution(seed, day, azimuth, has_air, kinds, known_bed):
+    layout, minutes, settings = window(seed, day, azimuth, kinds=kinds, known_bed=known_bed)
     filters = LinearFilters(layout, DRAWN, settings, Start(minutes[0], known(has_air, settings), noise=NOISE))
     unknowns = Unknowns()
     unknowns.lasting(layout, settings, has_air)
