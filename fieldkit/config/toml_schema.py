@@ -354,7 +354,7 @@ class RegionOutline(Table):
     name: Name = _needed("b15", "letters, digits, - and _")
     kind: Literal["reference", "target"] = _key(
         "target",
-        "reference: a region of known slope, flat, or a bed besides whose slope was measured; several are better",
+        "reference: a region of known slope, flat ground and, better, also a bed that was measured",
     )
     points_px: list[Point] = _needed(
         [[29, 29], [66, 28], [66, 53], [24, 56]],
@@ -421,8 +421,8 @@ class RegionTable(RegionOutline):
     emissivity_sd: float = _key(
         0.0, "standard uncertainty of emissivity; a record brings its own", ge=0, lt=1
     )
-    level_sd_deg: float = _key(
-        LEVEL_SD_DEG, "standard uncertainty of a reference's slope, by its level", ge=0.01, le=10
+    level_sd_deg: Annotated[float, Field(ge=0.01, le=10)] | None = _unset(
+        0.5, f"standard uncertainty of a reference's slope, by its level; default: {LEVEL_SD_DEG}"
     )
     surface_kind: Kind | None = _unset(
         "rock", "its kind of surface, where it differs from surface.kind; a target's, for learned"

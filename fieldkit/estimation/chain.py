@@ -24,6 +24,7 @@ from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import AT_ONCE, Learner
 from fieldkit.estimation.learned.light_gaps import settled
 from fieldkit.estimation.learned.prior_state import prior_sds
+from fieldkit.estimation.learned.statements import statement_sds, unlike_sds, unstated_slope
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import blank_estimate, budgets, kelvin_per_degree, slopes
@@ -43,6 +44,7 @@ TOGETHER = 4
 
 Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
 """
+OWN = ("absorbed light", "heat exchange", "thermal inertia")
 ONE_KNOWN = "one region of known slope"
 AIR_LOGGED_SD_K = 0.5
 """Judged: because it is the error of a shaded thermometer as the air at the beds."""
@@ -148,6 +150,11 @@ class SlopeChain:
         if self._settings.reference == "weather" or not len(history):
             return {}
         return budgets(*history.in_place().at_last(self.schedule), self._of_bins)
+
+    def reference_checks(self, history: History) -> tuple[SlopeEstimate, ...]:
+        """The slope of each reference by all others, after `at` of this history; none with fewer than two."""
+        corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
+        return self._groups[0].reference_checks(corrected) if self._learns and self._groups else ()
 
     def _learned_slopes(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
@@ -348,11 +355,24 @@ class _Group:
         if not any(minute.sun[2] > 0.0 for minute in learner.minutes):
             return replace(blank, state=SlopeState.LOW_SUN, reason=NO_SUN)
         slope = self._found[index]
-        region = self._columns.regions[self._targets[index]]
+        filled = self._filled(blank, slope, learner, self._place(index))
+        if not self._has_seen_the_sun(learner, slope.best):
+            reason = "the sun has not reached it: what is known of it comes from skylight alone"
+            return replace(filled, state=SlopeState.SHADED, reason=reason)
+        if why := self._contradiction(learner, index):
+            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
+        return self._with_state(filled, slope, index)
+
+    def _filled(
+        self, blank: SlopeEstimate, slope: readout.KnownSlope, learner: Learner, target: int
+    ) -> SlopeEstimate:
+        """The numbers of a slope; `target` is of the layout, -1 the first reference."""
+        region = self._layout.region(target)
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
-        if self._layout.facing[self._place(index)].shape[1] == 2:
-            tilt, azimuth = _along_known_azimuth(tilt, azimuth, region.azimuth_deg)
-        filled = replace(
+        if target >= 0 and self._layout.facing[target].shape[1] == 2:
+            known_azimuth = self._columns.regions[self._layout.columns[region]].azimuth_deg
+            tilt, azimuth = _along_known_azimuth(tilt, azimuth, known_azimuth)
+        return replace(
             blank,
             tilt_deg=tilt,
             azimuth_deg=azimuth,
@@ -360,15 +380,9 @@ class _Group:
             tilt_high_deg=max(slope.region.tilt_high_deg, tilt),
             azimuth_low_deg=slope.region.azimuth_low_deg,
             azimuth_high_deg=slope.region.azimuth_high_deg,
-            chi_square=self._errors.chi_square(self._layout.region(self._place(index))),
-            kelvin_per_degree=_kelvin_per_degree(learner, self._place(index), tilt, azimuth),
+            chi_square=self._errors.chi_square(region),
+            kelvin_per_degree=_kelvin_per_degree(learner, target, tilt, azimuth),
         )
-        if not self._has_seen_the_sun(learner, slope.best):
-            reason = "the sun has not reached it: what is known of it comes from skylight alone"
-            return replace(filled, state=SlopeState.SHADED, reason=reason)
-        if why := self._contradiction(learner, index):
-            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
-        return self._with_state(filled, slope, index)
 
     def _with_state(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
@@ -426,10 +440,38 @@ class _Group:
         )
 
     def _unusual(self) -> str:
-        """The learnt parameter that nothing usual explains, in words; "" if there is none."""
+        """The learnt parameter or statement that nothing usual explains, in words; "" if there is none."""
         learner = self._learner
+        if learner is not None and (wrong := self._wrong_statement(learner)):
+            return wrong
         unusual = None if learner is None else self._surprise(learner)
         return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if learner and unusual else ""
+
+    def _wrong_statement(self, learner: Learner) -> str:
+        """What is stated of references or beds and contradicted by the minutes; "" if nothing is."""
+        if self._settings.same and (unlike := self._unlike_bed(learner)):
+            return unlike
+        sds = [statement_sds(learner, reference) for reference in range(len(self._references))]
+        worst = int(np.argmax(sds))
+        if sds[worst] <= readout.SURPRISING_SDS:
+            return ""
+        region = self._columns.regions[self._layout.columns[worst]]
+        return (
+            f"the stated {np.nan_to_num(region.tilt_deg):g}° of {region.name} contradict the other regions "
+            f"({sds[worst]:.1f} deviations): is it level and unlike in nothing?"
+        )
+
+    def _unlike_bed(self, learner: Learner) -> str:
+        """The bed that is unlike the others though all are stated to be of one heap; "" if there is none."""
+        sds = unlike_sds(learner)
+        what, bed = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
+        if abs(sds[what, bed]) <= readout.SURPRISING_SDS:
+            return ""
+        name = self._columns.regions[self._layout.columns[self._layout.region(int(bed))]].name
+        return (
+            f"{name} is unlike the others in {OWN[what]} ({abs(sds[what, bed]):.1f} deviations), "
+            "against surface.same: is it of the same sand, as deep and as dry?"
+        )
 
     def _surprise(self, learner: Learner) -> readout.Surprise | None:
         return readout.surprise(
@@ -459,6 +501,21 @@ class _Group:
             for index in self._holding():
                 name = self._columns.regions[self._targets[index]].name
                 yield name, slope_budget(self._learner, self._moments, self._place(index))
+
+    def reference_checks(self, history: History) -> tuple[SlopeEstimate, ...]:
+        """The slope of each reference as the other regions show it; none with a single one."""
+        if self._learner is None or len(self._references) < 2:
+            return ()
+        history, regions = history.only(self._places), self._columns.regions
+        checks = []
+        for reference, column in enumerate(self._layout.columns[: len(self._references)]):
+            blank = blank_estimate(regions[column], column, history, self._first, self._settings)
+            slope = unstated_slope(self._learner, reference)
+            holds = statement_sds(self._learner, reference) <= readout.SURPRISING_SDS
+            state = SlopeState.OK if holds else SlopeState.NO_INTERSECTION
+            filled = self._filled(blank, slope, self._learner, reference - 1)
+            checks.append(replace(filled, state=state, n_bins=len(self._learner.minutes)))
+        return tuple(checks)
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""

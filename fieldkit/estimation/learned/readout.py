@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from fieldkit.estimation.distributions import normal_quantile
+from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
@@ -21,7 +22,7 @@ from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.arrays import FloatArray
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
@@ -78,40 +79,64 @@ class KnownSlope:
 def known_slope(learner: Learner, target: int) -> KnownSlope:
     """Slope of a target of the learner's layout."""
     posterior, facing = learner.posterior, learner.layout.facing[target]
-    points, weights = _points(posterior.normals, posterior.log_weights, target, facing)
-    best = _mean(points, weights)
-    second, share = None, 1.0
+    slope = slope_of(*turns_of(posterior.normals, target), posterior.log_weights, facing, learner.settings)
     if target in posterior.others:
         normals, log_weights = posterior.others[target]
         both = np.logaddexp.reduce([mass(posterior.log_weights), mass(log_weights)])
         share = float(np.exp(mass(posterior.log_weights) - both))
-        other = _mean(*_points(normals, log_weights, target, facing))
-        if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, best) > 1.0:
-            second = other
+        other = _mean(*_points(*turns_of(normals, target), log_weights, facing))
+        if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, slope.best) > 1.0:
+            return replace(slope, second=other, share=share)
+    return slope
+
+
+def turns_of(normals: UnitNormals, target: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Unit vectors of a target, directions in which they may turn, and the covariance of the turns."""
+    turn = normals.turn(target)
+    return normals.units[target], normals.tangents[target], normals.covariance[:, turn, turn]
+
+
+def slope_of(
+    units: FloatArray,
+    tangents: FloatArray,
+    covariance: FloatArray,
+    log_weights: FloatArray,
+    facing: FloatArray,
+    settings: EstimatorSettings,
+) -> KnownSlope:
+    """Slope of a mixture of unit vectors (p, k) in the axes `facing` (3, k).
+
+    They may turn along `tangents` (p, k, k - 1), with `covariance` (p, k - 1, k - 1). [rad2]
+    """
+    points, weights = _points(units, tangents, covariance, log_weights, facing)
+    best = _mean(points, weights)
     is_known = facing.shape[1] == 2
     along = facing[:, 0] if is_known else np.append(best[:2], 0.0) / max(float(np.hypot(*best[:2])), 1e-9)
     tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
-    low, high = quantiles(tilts, weights, _ends(learner.settings))
+    low, high = quantiles(tilts, weights, _ends(settings))
     if is_known:
-        region = _known_region(low, high, along, learner.settings)
+        region = _known_region(low, high, along, settings)
     else:
-        region = _free_region(points, weights, best, learner.settings)
-    return KnownSlope(best, region, (low, high), second, share)
+        region = _free_region(points, weights, best, settings)
+    return KnownSlope(best, region, (low, high), None, 1.0)
 
 
 def _points(
-    normals: UnitNormals, log_weights: FloatArray, target: int, facing: FloatArray
+    units: FloatArray,
+    tangents: FloatArray,
+    covariance: FloatArray,
+    log_weights: FloatArray,
+    facing: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
-    turn, tangent = normals.turn(target), normals.tangents[target]
-    standard = _standard(tangent.shape[2])
+    standard = _standard(tangents.shape[2])
     weights = np.exp(log_weights - mass(log_weights))
     used = weights > 1e-6
-    root = np.linalg.cholesky(normals.covariance[used][:, turn, turn])
+    root = np.linalg.cholesky(covariance[used])
     turned = np.matmul(standard, root.transpose(0, 2, 1))
-    units = normals.units[target][used][:, np.newaxis] + np.matmul(turned, tangent[used].transpose(0, 2, 1))
-    units /= np.linalg.norm(units, axis=2, keepdims=True)
-    return (units @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
+    drawn = units[used][:, np.newaxis] + np.matmul(turned, tangents[used].transpose(0, 2, 1))
+    drawn /= np.linalg.norm(drawn, axis=2, keepdims=True)
+    return (drawn @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
 
 
 @cache
@@ -223,25 +248,32 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.place(name) for name in STATES]
     others += [layout.offset(layout.region(target)) for target in range(layout.targets)]
-    constrained = layout.gain_and_normals
-    shared = filters.covariance[:, others][:, :, constrained]
     steps, tilts = _by_tilt(learner)
     turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))
-    # what the unit lengths teach of the rest: the regression on gain and normals
-    response = np.matmul(shared, np.matmul(normals.jacobian, normals.covariance))
+    states, own, response = known_states(filters, normals, others)
     crossed = np.matmul(response, steps.transpose(0, 2, 1))
-    own = filters.covariance[:, others][:, :, others]
-    constrained_covariance = filters.covariance[:, constrained][:, :, constrained]
-    regression = np.matmul(shared, np.linalg.inv(constrained_covariance))
-    own = (
-        own
-        - np.matmul(regression, shared.transpose(0, 2, 1))
-        + np.matmul(np.matmul(shared, normals.jacobian), response.transpose(0, 2, 1))
-    )
-    states = filters.mean[:, others] + np.matmul(shared, normals.pull[..., np.newaxis])[..., 0]
     means = np.column_stack([normals.gain, tilts, states])
     upper = np.concatenate([turned, crossed.transpose(0, 2, 1)], axis=2)
     return means, np.concatenate([upper, np.concatenate([crossed, own], axis=2)], axis=1)
+
+
+def known_states(
+    filters: Filters, normals: UnitNormals, places: Sequence[int] | IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means (p, m) and covariances (p, m, m) of states by unit normals, and by gain and turns (p, m, q)."""
+    constrained = filters.layout.gain_and_normals
+    shared = filters.covariance[:, places][:, :, constrained]
+    # what the unit lengths teach of the rest: the regression on gain and normals
+    response = np.matmul(shared, np.matmul(normals.jacobian, normals.covariance))
+    constrained_covariance = filters.covariance[:, constrained][:, :, constrained]
+    regression = np.matmul(shared, np.linalg.inv(constrained_covariance))
+    own = (
+        filters.covariance[:, places][:, :, places]
+        - np.matmul(regression, shared.transpose(0, 2, 1))
+        + np.matmul(np.matmul(shared, normals.jacobian), response.transpose(0, 2, 1))
+    )
+    means = filters.mean[:, places] + np.matmul(shared, normals.pull[..., np.newaxis])[..., 0]
+    return means, own, response
 
 
 def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:

@@ -53,7 +53,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
         'confidence = 0.8\nreference = "weather"\nair = "model"\n'
-        '[surface]\nkind = "rock"\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n'
+        '[surface]\nkind = "rock"\nsame = true\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n'
         "reflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
         '[irradiance]\nmeasures = {sun = "ghi"}\nstream = "sun"\n'
@@ -66,7 +66,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "[limits]\nprobe_temperature_c = [-80, 250]\n"
         "[prior]\n"
         + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
-        + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
+        + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\nlevel_sd_deg = 0.5\n'
         'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
         "horizon = [[0, 5], [90, 12.5]]\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
@@ -75,6 +75,8 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
     assert given == EstimatorSettings(
         kind="rock",
         kinds={"rocks": "soil"},
+        same=True,
+        level_sds_deg={"flat": 0.5},
         site=Site(35.5, 139.4, timezone="Asia/Tokyo"),
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
         irradiance=IrradianceModel(

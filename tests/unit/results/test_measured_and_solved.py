@@ -62,6 +62,8 @@ OTHER = {
     "body": "mars",
     "air": "model",
     "kind": "wall",
+    "same": True,
+    "level_sds_deg": {"flat": 1.0},
     "limits": {"surface_temperature": (175.0, 285.0)},
     "confidence": 0.8,
     "camera_path": CameraPath(Trajectory((0,), ((0.0, 0.0, 2.0),), ((0.0, 0.0, 0.0, 1.0),)), 50.0, (), 0.0),
@@ -72,7 +74,7 @@ OF_FULL = (
     "slab", "conductivity_sd", "capacity_sd", "sky", "ground_albedo", "longwave_down_w_m2",
     "diffuse_fraction",
 )  # fmt: skip
-OF_LEARNED = ("prior", "kinds")
+OF_LEARNED = ("prior", "kinds", "same", "level_sds_deg")
 OF_ANY = (
     "surface", "probes", "irradiance", "window_s", "azimuth", "refraction", "reflected_temperature_k",
     "noise_k", "settle_s", "min_minutes", "scale", "scale_sd", "exchange_sd", "offsets_k", "offset_sd_k",

@@ -280,8 +280,7 @@ class Dense:
             yield layout.own_exchange(target), self.blocks[f"own_exchange{target}"].start
             normal, block = layout.normal(target), self.blocks[f"normal{target}"]
             yield from zip(range(normal.start, normal.stop), range(block.start, block.stop), strict=True)
-        off_level = self.blocks["off_level"]
-        yield from zip(range(layout.level.start, layout.level.stop), range(off_level.start, off_level.stop))
+        yield from ((layout.level.start + axis, self.blocks["off_level"].start + axis) for axis in (0, 1))
 
     def _without_losses(self, region):
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
