@@ -53,8 +53,8 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
         'confidence = 0.8\nreference = "weather"\nair = "model"\n'
-        '[surface]\nkind = "rock"\nsame = true\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n'
-        "reflected_temperature_c = -20\nemissivity_sd = 0.02\n"
+        '[surface]\nkind = "rock"\nsame = true\nalbedo = 0.3\nemissivity = 0.91\n'
+        "emissivity_broadband = 0.92\nreflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
         '[irradiance]\nmeasures = {sun = "ghi"}\nstream = "sun"\n'
         'model = "calibrated"\nfactor = 0.0091\nfactor_sd = 0.00091\nmounting = "in-plane"\n'
