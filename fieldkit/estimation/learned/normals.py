@@ -39,8 +39,8 @@ class UnitNormals:
     which they may turn (p, k, k - 1), `own` (p, targets) what each absorbs more, as a share. `covariance`
     (p, q, q), rad2, is of gain, turns in the order of the targets, and the targets' own gains; `log_evidence`
     (p,) the logarithm of the probability of unit normals given what the filter knows. In units of information
-    `pull` (p, m) is gain and normals less the filter's means, `jacobian` (p, m, q) that of gain and normals by
-    gain, turns and own gains.
+    `pull` (p, m) is gain and normals less the filter's means, `jacobian` (p, m, q) that of gain and normals
+    by gain, turns and own gains.
     """
 
     gain: FloatArray
