@@ -205,9 +205,10 @@ class SurfaceModel:
         Near grazing light is no linear function of the normal; the best line has the slope P(x > 0), as in
         statistical linearization (A. Gelb, Applied Optimal Estimation, MIT Press, 1974, section 6.2).
         """
-        towards = self._normals @ minute.sun
-        about = mean @ towards.T
-        variance = np.sum((towards @ covariance) * towards, axis=2)
+        places = self.layout.gain_and_normals
+        towards = (self._normals @ minute.sun)[:, places]
+        about = mean[:, places] @ towards.T
+        variance = np.sum((towards @ covariance[:, places[:, np.newaxis], places]) * towards, axis=2)
         sd = np.sqrt(np.maximum(variance, _LEAST_SD**2))
         ratio = np.clip(about / sd, -30.0, 30.0)
         share, bell = normal_cdf(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
