@@ -205,7 +205,7 @@ class SurfaceModel:
         Near grazing light is no linear function of the normal; the best line has the slope P(x > 0), as in
         statistical linearization (A. Gelb, Applied Optimal Estimation, MIT Press, 1974, section 6.2).
         """
-        places = self.layout.gain_and_normals
+        places = np.flatnonzero(self._normals.any(axis=(0, 2)))
         towards = (self._normals @ minute.sun)[:, places]
         about = mean[:, places] @ towards.T
         variance = np.sum((towards @ covariance[:, places[:, np.newaxis], places]) * towards, axis=2)
