@@ -98,7 +98,8 @@ def run() -> list[Result]:
             scaled_errors = [estimate.scaled_error for estimate in each if not estimate.is_silent]
             wider = float(np.quantile(scaled_errors, 0.9))
             note = (
-                f"{WORLDS} worlds, {len(certain)} of {len(each)} certain, {inside:.0f} % of them held; "
+                f"{WORLDS} worlds, {len(certain)} of {len(each)} ok, {inside:.0f} % of them held; "
+                f"{sum(estimate.is_ok_by_old_limit for estimate in each)} ok by the old limit; "
                 f"regions are {1.0 / wider:.2f} times as wide as needed"
             )
             name = f"{scenario.name}, {cell.minutes} min"

@@ -33,6 +33,7 @@ from benchmarks.drawn_worlds import (
     World,
     drawn_world,
 )
+from benchmarks.ok_counts import is_ok_by_old_limit
 from benchmarks.result import Result
 from benchmarks.sides import seconds
 from fieldkit.estimation.bins import History
@@ -41,7 +42,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SOLVED, SlopeEstimate, is_certain
+from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
 from fieldkit.physics.facet import angle_between_deg, normal
 
 WORLDS = int(os.environ.get("FIELDKIT_WORLDS", "200"))
@@ -105,6 +106,7 @@ class Found:
     is_silent: bool
     is_inside: bool
     is_certain: bool
+    is_ok_by_old_limit: bool
 
 
 @dataclass(slots=True)
@@ -201,7 +203,7 @@ def _against_truths(estimates: Sequence[SlopeEstimate], world: World) -> list[Fo
 def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> Found:
     silent = one.state not in SOLVED
     if np.isnan(one.tilt_deg):
-        return Found(float("nan"), float("inf"), float("nan"), silent, False, False)
+        return Found(float("nan"), float("inf"), float("nan"), silent, False, False, False)
     bed = (truth.tilt_deg, truth.azimuth_deg)
     angle = float(angle_between_deg(normal(one.tilt_deg, one.azimuth_deg), normal(*bed)))
     is_known = settings.azimuth == "known"
@@ -209,7 +211,7 @@ def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> 
     error = bed[0] - one.tilt_deg
     half = one.tilt_high_deg - one.tilt_deg if error > 0.0 else one.tilt_deg - one.tilt_low_deg
     scaled = abs(error) / max(half, 1e-6)
-    return Found(abs(error), scaled, angle, silent, inside, is_certain(one))
+    return Found(abs(error), scaled, angle, silent, inside, one.state in CERTAIN, is_ok_by_old_limit(one))
 
 
 # --- all worlds
@@ -241,7 +243,8 @@ def rows(scenario: Scenario, worlds: Sequence[Outcome]) -> Iterator[Result]:
         error = mean_error_deg(found)
         yield Result(f"{name}: mean tilt error", error, "°", must, _beside(worlds, cell))
         certain = percent([estimate.is_certain for estimate in found])
-        note = f"{answered} of {len(found)} estimates, {certain:.0f} % certain"
+        certain_before = percent([estimate.is_ok_by_old_limit for estimate in found])
+        note = f"{answered} of {len(found)} estimates, {certain:.0f} % ok ({certain_before:.0f} % before)"
         yield Result(f"{name}: regions hold the truth", coverage_percent(found), "%", "85-95", note)
     silent = 100.0 * float(np.mean([world.silent_share for world in worlds]))
     yield Result(f"{scenario.name}: minutes without a slope", silent, "%", "≤ 10")

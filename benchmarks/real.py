@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.estimation_learned import SUNSHINE_W_M2
+from benchmarks.ok_counts import ok_words
 from benchmarks.one_image import desert, ridges
 from benchmarks.result import Result
 from fieldkit.config import config_from_text
@@ -39,7 +40,7 @@ from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part
 from fieldkit.estimation.together import slopes_together
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
+from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
@@ -102,20 +103,19 @@ class Case:
         tilt_deg = _average(np.median, [slope.tilt_deg for slope, _ in solved])
         note = f"{self._refusals()}; median tilt {tilt_deg:.1f}"
         median = _average(np.median, errors)
-        half = _average(np.mean, [0.5 * (slope.tilt_high_deg - slope.tilt_low_deg) for slope, _ in solved])
+        half = _average(np.mean, [slope.tilt_half_width_deg for slope, _ in solved])
         yield Result(f"{self.name}: error of the normal, median", median, "deg", self.goal_deg, note)
         covered = _average(np.mean, inside)
         note = f"half width {half:.1f}; {self._refusals()}"
         yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, note)
 
     def _refusals(self) -> str:
-        """How many estimates there are, how many are refused and why, and how many are called wide."""
+        """How many estimates there are, how many are refused and why, and how many are ok."""
         states = [slope.state for slope, _ in self.estimates]
         refusals = [state.name.lower() for state in states if state not in SOLVED]
         reasons = ", ".join(f"{refusals.count(name)} {name}" for name in sorted(set(refusals)))
-        wide = sum(state in SOLVED and state not in CERTAIN for state in states)
         words = f"refused {len(refusals)}{f' ({reasons})' if reasons else ''}"
-        return f"{len(states)} estimates, {words}, {wide} wide or not resolved"
+        return f"{len(states)} estimates, {words}, {ok_words(slope for slope, _ in self.estimates)}"
 
 
 def _average(average: Callable[[Sequence[float]], Any], values: Sequence[float]) -> float:

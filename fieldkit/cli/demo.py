@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
-from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import PATH
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.slope import final_estimates
@@ -79,8 +79,7 @@ def _conclude(
         common.print_json({**files, "slopes": documents, "mean_tilt_error_deg": error_deg})
         return
     common.say(f"done in {took_s:.0f} s")
-    print_slopes(slopes, regions)
-    print_learnt(minutes[-1].learnt if minutes else None)
+    print_slopes(slopes, regions, minutes[-1].learnt if minutes else None)
     explain_slopes(slopes.values())
     click.echo(f"mean error of tilt, all beds, all afternoon: {error_deg:.1f}° (the report compares models)")
     click.echo(truths_held(columns))

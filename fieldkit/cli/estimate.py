@@ -11,7 +11,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions
-from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, PATH, SITE, WORDS
 from fieldkit.model.site import Region, RegionKind, Site
 
@@ -131,8 +131,7 @@ def _estimate_together(
     if common.options().json:
         common.print_json({"together": list(map(str, estimates.sessions)), **slopes_document(estimates)})
     else:
-        print_slopes(estimates.final, estimates.regions)
-        print_learnt(estimates.learnt.final)
+        print_slopes(estimates.final, estimates.regions, estimates.learnt.final)
         explain_slopes(estimates.final.values())
         quoted_paths = shlex.join(map(str, paths))
         common.say(
@@ -176,6 +175,5 @@ def _print(sessions: EstimatedSessions) -> None:
     for name, estimates in sessions.estimates.items():
         if len(sessions.estimates) > 1:
             click.echo(name)
-        print_slopes(estimates.final, estimates.regions)
-        print_learnt(estimates.learnt.final)
+        print_slopes(estimates.final, estimates.regions, estimates.learnt.final)
     explain_slopes(slope for estimates in sessions.estimates.values() for slope in estimates.final.values())

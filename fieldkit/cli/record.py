@@ -131,6 +131,7 @@ def _detach(config: Config, options: RecordOptions) -> None:
 def print_summary(session: RecordedSession) -> None:
     """Print what was recorded, and what to do next."""
     from fieldkit.results.estimate import as_document
+    from fieldkit.views import formatting
 
     path, summary = session.path, session.summary
     estimates = summary.last_minute.estimates if summary.last_minute else ()
@@ -153,5 +154,7 @@ def print_summary(session: RecordedSession) -> None:
         lost = sum(part.summary.dropped.values())
         size = f"{part.path.stat().st_size / 1e6:.1f} MB"
         common.say(f"sealed {part.path}   {size}   {counts}" + (f", {lost} lost" if lost else ""))
+    if words := formatting.findings(estimates):
+        common.say(words)
     quoted_path = shlex.quote(str(path))
     common.say(f"next: fieldkit check {quoted_path}  |  fieldkit report {quoted_path}")

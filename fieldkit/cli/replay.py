@@ -10,7 +10,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
-from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import PATH, parse_speed
 
 if TYPE_CHECKING:
@@ -44,8 +44,7 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
         return
-    print_slopes(slopes, summary.regions)
-    print_learnt(summary.learnt)
+    print_slopes(slopes, summary.regions, summary.learnt)
     explain_slopes(slopes.values())
     common.say(f"next: fieldkit report {session}")
 

@@ -8,17 +8,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from fieldkit.cli import common
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region
-from fieldkit.model.slope import SHORT_FIELDS, SlopeEstimate, SlopeState
+from fieldkit.model.slope import CERTAIN, SHORT_FIELDS, SlopeEstimate
 from fieldkit.views import formatting, learnt_words
 
 SHORT = tuple(field.short for field in SHORT_FIELDS)
 COLUMNS = ("region", "truth", "tilt", "noise", "error", "azimuth", *SHORT, "state")
 
 
-def print_slopes(estimates: Mapping[str, SlopeEstimate], regions: Sequence[Region]) -> None:
-    """Print the final estimate of each target."""
+def print_slopes(
+    estimates: Mapping[str, SlopeEstimate], regions: Sequence[Region], learnt: Learnt | None = None
+) -> None:
+    """Print the final estimate of each target, what was learnt, the findings, and reasons to doubt them."""
     by_name = {region.name: region for region in regions}
     common.print_table(COLUMNS, [_row(estimate, by_name[name]) for name, estimate in estimates.items()])
+    print_learnt(learnt)
+    if words := formatting.findings(estimates.values(), regions):
+        common.say(words)
+    for name, estimate in estimates.items():
+        if estimate.reason and estimate.state not in CERTAIN:
+            common.say(f"{name}: {estimate.reason}")
 
 
 def print_learnt(learnt: Learnt | None) -> None:
@@ -31,19 +39,12 @@ def print_learnt(learnt: Learnt | None) -> None:
 
 def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     """Print once, under the tables, what their ± include and what they do not."""
-    estimates = tuple(estimates)
-    for estimate in estimates:
-        if math.isfinite(estimate.along_sun_deg):
-            common.say(f"{estimate.region}: {estimate.reason}")
     solved = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
-    sure = formatting.confidence(solved)
     if solved:
         common.say(
-            f"±: larger half of the {sure} region, "
+            f"±: half the width of the {formatting.confidence(solved)} region, "
             "with systematic uncertainties of scale and offset; noise: without"
         )
-    if any(slope.state is SlopeState.WIDE for slope in solved):
-        common.say(f"wide: {formatting.wide_means(sure)}")
     if any(slope.model.startswith("paper") and "azimuth known" not in slope.model for slope in solved):
         common.say(formatting.PAPER_OMITS)
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from fieldkit.model.confidence import CONFIDENCE, LEAST_CONFIDENCE, MOST_CONFIDENCE
+from fieldkit.model.slope import TARGET_HALF_WIDTH_DEG
 
 Method = Literal["unit-norm", "contours"]
 Model = Literal["paper", "full", "learned"]
@@ -99,4 +100,7 @@ class EstimatorKeys:
         "probability with which likelihood regions and intervals should hold the truth",
         ge=LEAST_CONFIDENCE,
         le=MOST_CONFIDENCE,
+    )
+    target_half_width_deg: float = key(
+        TARGET_HALF_WIDTH_DEG, "a slope is ok up to this half-width, or 0.15 of its tilt", ge=0.1, le=20
     )

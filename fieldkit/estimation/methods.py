@@ -37,7 +37,7 @@ from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
-from fieldkit.model.slope import SlopeState, is_too_wide
+from fieldkit.model.slope import SlopeState, half_width_deg, is_too_wide
 from fieldkit.physics.facet import angle_between_deg, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
@@ -303,24 +303,27 @@ def _solutions(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solutio
         if is_bad[place]:
             state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, place, chi_square[place])
         else:
-            state, reason = _state(normal_, second, whole[place], problem.settings.confidence)
+            state, reason = _state(normal_, second, whole[place], problem.settings)
         solution = replace(_nowhere(problem, fit, place, reason), state=state, explained=not is_bad[place])
         judged.append(replace(solution, best=normal_, second=second, whole=whole[place], noise=noise[place]))
     return judged
 
 
 def _state(
-    best: FloatArray, second: FloatArray | None, whole: LikelihoodRegion, confidence: float
+    best: FloatArray, second: FloatArray | None, whole: LikelihoodRegion, settings: EstimatorSettings
 ) -> tuple[SlopeState, str]:
     """State of a slope that explains the minutes, with the reason."""
     if second is not None:
         tilt, azimuth = tilt_azimuth(second)
         return SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
-    if is_too_wide(float(tilt_azimuth(best)[0]), whole.tilt_low_deg, whole.tilt_high_deg):
-        low, high = whole.tilt_low_deg, whole.tilt_high_deg
-        return SlopeState.WIDE, f"anything from {low:.1f}° to {high:.1f}° fits ({percent(confidence)})"
+    low, high, slope_deg = whole.tilt_low_deg, whole.tilt_high_deg, float(tilt_azimuth(best)[0])
+    if is_too_wide(slope_deg, half_width_deg(slope_deg, low, high), settings.target_half_width_deg):
+        return (
+            SlopeState.WIDE,
+            f"anything from {low:.1f}° to {high:.1f}° fits ({percent(settings.confidence)})",
+        )
     if whole.vertical:
-        return SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
+        return SlopeState.FLAT, f"flat within {high:.1f}°"
     return SlopeState.OK, ""
 
 

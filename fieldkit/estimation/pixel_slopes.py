@@ -24,7 +24,7 @@ from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray, SingleArray
 from fieldkit.model.confidence import CONFIDENCE, misfit_drop
-from fieldkit.model.slope import SlopeState, is_too_wide
+from fieldkit.model.slope import SlopeState, half_width_deg, is_too_wide
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import normal, tilt_azimuth
@@ -371,7 +371,8 @@ def with_bounds(
     flat = np.zeros(is_known.shape, np.bool_)
     flat[is_known] = is_vertical
     low, high, left, right = planes
-    return _with_states(slopes, planes, flat), PixelBounds(low, high, left, right, settings.confidence)
+    slopes = _with_states(slopes, planes, flat, settings.target_half_width_deg)
+    return slopes, PixelBounds(low, high, left, right, settings.confidence)
 
 
 def _where_they_touch(touches: BoolArray, own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
@@ -447,8 +448,9 @@ def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> BoolArra
     return np.asarray((away * solved).sum(axis=1) <= drop)
 
 
-def _with_states(slopes: SlopeMap, bounds: SingleArray, is_flat: BoolArray) -> SlopeMap:
+def _with_states(slopes: SlopeMap, bounds: SingleArray, is_flat: BoolArray, target_deg: float) -> SlopeMap:
     state, is_ok = slopes.state.copy(), slopes.state == SlopeState.OK
     state[is_ok & is_flat] = SlopeState.FLAT
-    state[is_ok & is_too_wide(slopes.tilt_deg, bounds[0], bounds[1])] = SlopeState.WIDE
+    half = half_width_deg(slopes.tilt_deg, bounds[0], bounds[1])
+    state[is_ok & is_too_wide(slopes.tilt_deg, half, target_deg)] = SlopeState.WIDE
     return replace(slopes, state=state)

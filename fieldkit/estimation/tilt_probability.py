@@ -13,15 +13,16 @@ def tilt_probability(estimate: SlopeEstimate, limit_deg: float) -> float:
     """Probability that a surface is steeper than a limit; NaN without a slope or without its region.
 
     The tilt is taken as normally distributed to either side of its estimate, with the standard deviation to
-    which the likelihood region corresponds: of one angle where the azimuth was given, else of two. Where a
+    which the likelihood region corresponds: of one angle with the learned model or where the azimuth was
+    given, else of two. Where a
     second slope fits, its probability is not known, so both count the same, the second with the uncertainty
     of the first.
     """
     low, tilt, high = estimate.tilt_low_deg, estimate.tilt_deg, estimate.tilt_high_deg
     if estimate.state not in WITH_SLOPE or not math.isfinite(low + tilt + high):
         return math.nan
-    is_given = estimate.azimuth_low_deg == estimate.azimuth_high_deg
-    sds = math.sqrt(misfit_drop(estimate.confidence, 1 if is_given else 2))
+    is_of_tilt = estimate.model.startswith("learned") or estimate.azimuth_low_deg == estimate.azimuth_high_deg
+    sds = math.sqrt(misfit_drop(estimate.confidence, 1 if is_of_tilt else 2))
     below, above = (tilt - low) / sds, (high - tilt) / sds
     if not math.isfinite(estimate.second_tilt_deg):
         return _steeper(tilt, below, above, limit_deg)

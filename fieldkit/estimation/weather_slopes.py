@@ -335,7 +335,9 @@ def _with_state(filled: SlopeEstimate, settings: EstimatorSettings) -> SlopeEsti
     east = f"{filled.east_deg:.1f}° ({filled.east_low_deg:.1f}° to {filled.east_high_deg:.1f}°)"
     causes = {
         f"north–south undetermined (±{north:.0f}°); component to the east {east}": north > MOST_NORTH_DEG,
-        f"anything from {low:.1f}° to {high:.1f}° fits": bool(is_too_wide(filled.tilt_deg, low, high)),
+        f"anything from {low:.1f}° to {high:.1f}° fits": bool(
+            is_too_wide(filled.tilt_deg, filled.tilt_half_width_deg, settings.target_half_width_deg)
+        ),
         "state surface.albedo": settings.prior.gain_sd > UNSTATED_GAIN_SD,
     }
     reason = "; ".join(words for words, applies in causes.items() if applies)

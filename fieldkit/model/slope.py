@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.model.arrays import BoolArray
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.confidence import CONFIDENCE
 from fieldkit.model.samples import NumberedEnum, Quality
 from fieldkit.model.site import Region, RegionKind
@@ -35,7 +35,7 @@ class SlopeState(NumberedEnum):
     LOW_SUN = 6
     SHADED = 7
     NO_DATA = 8  # no frames, no irradiance or no reference in the window
-    WIDE = 9  # one slope fits, but its likelihood region is too wide to rely on (`is_too_wide`)
+    WIDE = 9  # one slope fits, but is not known well enough for the purpose (`is_too_wide`)
 
 
 CERTAIN = (SlopeState.OK, SlopeState.FLAT)
@@ -44,17 +44,26 @@ SOLVED = (*CERTAIN, SlopeState.WIDE, SlopeState.NOT_RESOLVED)
 """States with a slope estimated at that very minute; only these count in mean errors."""
 WITH_SLOPE = (*SOLVED, SlopeState.HELD_CLOUD)
 """States with a slope: a held one is an earlier estimate."""
-CERTAIN_WITHIN_DEG = 3.0
-"""Widest likelihood region of a certain flat or gentle slope: the change of tilt by a tenth of a kelvin where
-one kelvin is 30 degrees, the limit in the plan of a day."""
-CERTAIN_SHARE = 0.2
-"""The same for a steep slope, as a share of its tilt: 30 degrees within 27..33."""
+TARGET_HALF_WIDTH_DEG = 2.0
+"""Half-width of a tilt's region that is narrow enough, where no other is configured: classes of slopes that
+rovers distinguish are 5 degrees apart."""
+STEEP_SHARE = 0.15
+"""The same for a steep slope, as a share of its tilt: 30 degrees within 25.5..34.5."""
 
 
-def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> BoolArray:
-    """True if a tilt with these bounds of its likelihood region is wide; true if a bound is NaN."""
-    width = np.subtract(high_deg, low_deg)
-    return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
+def is_too_wide(tilt_deg: ArrayLike, half_width_deg: ArrayLike, target_deg: float) -> BoolArray:
+    """True if tilts with these half-widths are wide where `target_deg` is narrow enough; true for NaN."""
+    return ~np.asarray(half_width_deg <= np.maximum(target_deg, np.multiply(STEEP_SHARE, tilt_deg)))
+
+
+def half_width_deg(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> FloatArray:
+    """Half the width of regions of tilts, as the number behind ± is everywhere; arrays or numbers alike.
+
+    A region that begins at 0 was cut there: its upper part stands for the lower one where it is longer.
+    """
+    half = 0.5 * np.subtract(high_deg, low_deg)
+    above = np.subtract(high_deg, tilt_deg)
+    return np.where(np.equal(low_deg, 0.0), np.maximum(half, above), half)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +105,8 @@ class SlopeEstimate:
     """Slope of one region from the minute bins `window_start_ns`..`time_ns`.
 
     Angles in degrees, NaN where not determined; bounds are the projections of the likelihood region with
-    noise and the stated systematic uncertainties, the `noise_` bounds those of noise alone. Azimuth bounds
+    noise and the stated systematic uncertainties, the `noise_` bounds those of noise alone. The half-width of
+    a tilt follows from its bounds where none is given. Azimuth bounds
     are unwrapped (low <= azimuth <= high, so below 0 or above 360 across north). `reason` explains in words
     why the state is not `OK`. Every number is described where it stands, and with that a column of every
     table (`SLOPE_FIELDS`).
@@ -130,6 +140,9 @@ class SlopeEstimate:
     n_bins: int = 0
     model: str = ""
     reason: str = ""
+    tilt_half_width_deg: float = _number(
+        "half the width of the likelihood region of the tilt, before it is cut at 0"
+    )
     noise_tilt_low_deg: float = _number(
         "lower end of the region of the tilt by noise alone", pair="tilt_noise_region_deg"
     )
@@ -163,6 +176,11 @@ class SlopeEstimate:
     north_low_deg: float = _number("lower end of its interval", pair="north_region_deg")
     north_high_deg: float = _number("upper end of its interval", pair="north_region_deg")
 
+    def __post_init__(self) -> None:
+        if math.isnan(self.tilt_half_width_deg):
+            half = half_width_deg(self.tilt_deg, self.tilt_low_deg, self.tilt_high_deg)
+            object.__setattr__(self, "tilt_half_width_deg", float(half))
+
     def __repr__(self) -> str:
         tilt = f"tilt {self.tilt_deg:.1f}° ({self.tilt_low_deg:.1f} to {self.tilt_high_deg:.1f})"
         second = f", or {self.second_tilt_deg:.1f}°" if math.isfinite(self.second_tilt_deg) else ""
@@ -180,14 +198,6 @@ SLOPE_FIELDS: Mapping[str, SlopeField] = MappingProxyType(
 """The numbers of a slope by key, in the order of `SlopeEstimate`."""
 SHORT_FIELDS = tuple(field for field in SLOPE_FIELDS.values() if field.short)
 """Those with a column of their own in tables for people."""
-
-
-def is_certain(estimate: SlopeEstimate) -> bool:
-    """True if a slope may be relied on, current or held: a single branch fits, within a narrow region."""
-    is_single = estimate.state in (*CERTAIN, SlopeState.HELD_CLOUD) and not math.isfinite(
-        estimate.second_tilt_deg
-    )
-    return is_single and not is_too_wide(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
 def final_estimate(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:

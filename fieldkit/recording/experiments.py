@@ -171,7 +171,8 @@ class Experiments:
         tilts = np.array([tilt for tilt, _ in self.session.facets])
         halves = np.array(experiment.half_region_deg)
         two, is_known = np.array(experiment.not_resolved), np.array(experiment.known)
-        wide = is_too_wide(tilts, np.maximum(tilts - halves, 0.0), tilts + halves) & ~two & ~is_known
+        target_deg = self.session.settings.target_half_width_deg
+        wide = is_too_wide(tilts, halves, target_deg) & ~two & ~is_known
         words = [
             f"{word} for {', '.join(label(self.session.facets[target]) for target in np.flatnonzero(chosen))}"
             for word, chosen in (("two slopes", two), ("wide", wide))
@@ -314,7 +315,7 @@ def _experiment_at(
     estimates = [by_region.get(target) for target in targets]
     two = tuple(estimate is not None and estimate.state is SlopeState.NOT_RESOLVED for estimate in estimates)
     halves = tuple(
-        float("nan") if estimate is None or twice else 0.5 * (estimate.tilt_high_deg - estimate.tilt_low_deg)
+        float("nan") if estimate is None or twice else estimate.tilt_half_width_deg
         for estimate, twice in zip(estimates, two, strict=True)
     )
     return Experiment(*mark, halves, tuple(estimate is None for estimate in estimates), two)

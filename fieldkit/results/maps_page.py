@@ -48,7 +48,7 @@ def _tilts(maps: Sequence[MappedSession]) -> html.Table:
         (
             html.strong(name),
             *(
-                formatting.plus_minus(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg)
+                formatting.plus_minus(one.tilt_deg, 0.5 * (one.tilt_high_deg - one.tilt_low_deg))
                 if (one := regions.get(name))
                 else formatting.UNKNOWN
                 for regions in by_session
@@ -56,5 +56,5 @@ def _tilts(maps: Sequence[MappedSession]) -> html.Table:
         )
         for name in names
     ]
-    caption = "Median tilt of the pixels of each region in degrees, ± to the farther quartile."
+    caption = "Median tilt of the pixels of each region in degrees, ± half the width between the quartiles."
     return html.Table(("region", *(session_map.path.stem for session_map in maps)), rows, caption)

@@ -13,14 +13,16 @@ from datetime import UTC, datetime, tzinfo
 from fieldkit.model.confidence import percent
 from fieldkit.model.durations import rounded_duration
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.model.site import Region, Site, known_zone
+from fieldkit.model.site import Region, RegionKind, Site, known_zone
 from fieldkit.model.slope import (
-    CERTAIN_SHARE,
-    CERTAIN_WITHIN_DEG,
+    CERTAIN,
     SHORT_FIELDS,
     SLOPE_FIELDS,
+    STEEP_SHARE,
+    WITH_SLOPE,
     SlopeEstimate,
     SlopeState,
+    half_width_deg,
 )
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -55,22 +57,36 @@ def celsius(temperature_k: float, digits: int = 2) -> str:
     return number(temperature_k - CELSIUS_ZERO_K, digits)
 
 
-def plus_minus(value: float, low: float, high: float, digits: int = 1) -> str:
-    """A value with the larger of its two distances to `low` and `high`: ``15.1 ±0.9``."""
+def plus_minus(value: float, half: float, digits: int = 1) -> str:
+    """A value with half the width of its region: ``15.1 ±0.9``."""
     if not math.isfinite(value):
         return UNKNOWN
-    half = max(high - value, value - low)
     return number(value, digits) + (f" ±{half:.{digits}f}" if math.isfinite(half) else "")
 
 
 def tilt(estimate: SlopeEstimate) -> str:
-    """Tilt in degrees with its likelihood region."""
-    return plus_minus(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
+    """Tilt in degrees with half the width of its likelihood region."""
+    return plus_minus(estimate.tilt_deg, estimate.tilt_half_width_deg)
 
 
-def half_region(estimate: SlopeEstimate) -> float:
-    """The larger half of the likelihood region of the tilt, degrees."""
-    return max(estimate.tilt_high_deg - estimate.tilt_deg, estimate.tilt_deg - estimate.tilt_low_deg)
+def finding(estimate: SlopeEstimate) -> str:
+    """A slope in one phrase: ``b25 22.6° (17.6–28.0), wide``; no word where it is certain."""
+    words = f"{estimate.region} {number(estimate.tilt_deg, 1)}°"
+    if math.isfinite(estimate.tilt_half_width_deg):
+        words += f" ({number(estimate.tilt_low_deg, 1)}–{number(estimate.tilt_high_deg, 1)})"
+    return words if estimate.state in CERTAIN else f"{words}, {state(estimate)}"
+
+
+def findings(estimates: Iterable[SlopeEstimate], regions: Iterable[Region] = ()) -> str:
+    """The slopes that were found, certain ones first, and the known beds; empty if there is none."""
+    found = [estimate for estimate in estimates if estimate.state in WITH_SLOPE]
+    certain = ", ".join(finding(estimate) for estimate in found if estimate.state in CERTAIN)
+    others = [finding(estimate) for estimate in found if estimate.state not in CERTAIN]
+    known = ", ".join(
+        region.name for region in regions if region.kind is RegionKind.REFERENCE and region.tilt_deg
+    )
+    beds = [f"known: {known}"] if known and found else []
+    return "; ".join(filter(None, (certain, *others, *beds)))
 
 
 def slope_number(estimate: SlopeEstimate, key: str) -> str:
@@ -84,25 +100,23 @@ def short_columns(estimate: SlopeEstimate) -> list[str]:
 
 
 def noise(estimate: SlopeEstimate) -> str:
-    """Uncertainty of the tilt by noise alone: ``±0.4°``, the larger half of its likelihood region."""
-    value, low, high = estimate.tilt_deg, estimate.noise_tilt_low_deg, estimate.noise_tilt_high_deg
-    half = max(high - value, value - low)
+    """Uncertainty of the tilt by noise alone: ``±0.4°``, half the width of its likelihood region."""
+    bounds = estimate.noise_tilt_low_deg, estimate.noise_tilt_high_deg
+    half = float(half_width_deg(estimate.tilt_deg, *bounds))
     return f"±{half:.1f}°" if math.isfinite(half) else UNKNOWN
 
 
 def azimuth(estimate: SlopeEstimate) -> str:
     """Azimuth in degrees with its likelihood region, a dash for a slope that may be flat (tilt from 0).
 
-    The bounds may lie on either side of north; where they meet the azimuth was given, not estimated.
+    Where its bounds meet the azimuth was given, not estimated.
     """
     value = estimate.azimuth_deg
     if estimate.tilt_low_deg == 0.0:
         return UNKNOWN
     if estimate.azimuth_low_deg == estimate.azimuth_high_deg:
         return f"{number(value)} given"
-    low = value - (value - estimate.azimuth_low_deg) % 360.0
-    high = value + (estimate.azimuth_high_deg - value) % 360.0
-    return plus_minus(value, low, high, digits=0)
+    return plus_minus(value, 0.5 * (estimate.azimuth_high_deg - estimate.azimuth_low_deg), digits=0)
 
 
 def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
@@ -126,9 +140,12 @@ def confidence(estimates: Iterable[SlopeEstimate]) -> str:
     )
 
 
-def wide_means(sure: str) -> str:
-    """Meaning of the state ``wide``, where regions have a `confidence`."""
-    return f"the {sure} region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
+def wide_means(sure: str, target_deg: float) -> str:
+    """Meaning of the state ``wide``, where regions have a `confidence` and `target_deg` is narrow enough."""
+    return (
+        f"± is over {target_deg:g}° and over {STEEP_SHARE:.0%} of the tilt ({sure}), or the minutes give a "
+        "reason against relying on it"
+    )
 
 
 def second_branch(estimate: SlopeEstimate) -> str:

@@ -20,7 +20,7 @@ from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
 from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.likelihood import LikelihoodRegion, project
+from fieldkit.estimation.likelihood import LikelihoodRegion
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.confidence import interval_sds
@@ -65,29 +65,33 @@ WORDS = {
 class KnownSlope:
     """Slope of one target: mean normal (3,), likelihood region, second branch (3,) or None, and its share.
 
-    `ends_deg` are those of the tilt along its azimuth, which bounds of the region cut: below 0 it leans the
-    other way.
+    `half_width_deg` is half the width of the tilt's interval along its azimuth, before anything is cut.
+    A known azimuth excludes slopes that lean the other way; `away` is the probability that they had.
     """
 
     best: FloatArray
     region: LikelihoodRegion
-    ends_deg: tuple[float, float]
+    half_width_deg: float
+    away: float
     second: FloatArray | None
     share: float
 
 
+Points = tuple[FloatArray, FloatArray]
+"""Unit normals (k, 3) drawn from a mixture, and their weights (k,)."""
+
+
+Branch = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""A mixture of unit vectors (p, k): directions in which they may turn (p, k, k - 1), covariance of the turns
+(p, k - 1, k - 1) in rad2, and logarithms of the weights (p,)."""
+
+
 def known_slope(learner: Learner, target: int) -> KnownSlope:
     """Slope of a target of the learner's layout."""
-    posterior, facing = learner.posterior, learner.layout.facing[target]
-    slope = slope_of(*turns_of(posterior.normals, target), posterior.log_weights, facing, learner.settings)
-    if target in posterior.others:
-        normals, log_weights = posterior.others[target]
-        both = np.logaddexp.reduce([mass(posterior.log_weights), mass(log_weights)])
-        share = float(np.exp(mass(posterior.log_weights) - both))
-        other = _mean(*_points(*turns_of(normals, target), log_weights, facing))
-        if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, slope.best) > 1.0:
-            return replace(slope, second=other, share=share)
-    return slope
+    posterior = learner.posterior
+    branches = [(posterior.normals, posterior.log_weights), *filter(None, [posterior.others.get(target)])]
+    turns = [(*turns_of(normals, target), log_weights) for normals, log_weights in branches]
+    return slope_of(turns, learner.layout.facing[target], learner.settings)
 
 
 def turns_of(normals: UnitNormals, target: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -96,47 +100,50 @@ def turns_of(normals: UnitNormals, target: int) -> tuple[FloatArray, FloatArray,
     return normals.units[target], normals.tangents[target], normals.covariance[:, turn, turn]
 
 
-def slope_of(
-    units: FloatArray,
-    tangents: FloatArray,
-    covariance: FloatArray,
-    log_weights: FloatArray,
-    facing: FloatArray,
-    settings: EstimatorSettings,
-) -> KnownSlope:
-    """Slope of a mixture of unit vectors (p, k) in the axes `facing` (3, k).
-
-    They may turn along `tangents` (p, k, k - 1), with `covariance` (p, k - 1, k - 1). [rad2]
-    """
-    points, weights = _points(units, tangents, covariance, log_weights, facing)
-    best = _mean(points, weights)
-    is_known = facing.shape[1] == 2
-    along = facing[:, 0] if is_known else np.append(best[:2], 0.0) / max(float(np.hypot(*best[:2])), 1e-9)
-    tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
-    low, high = quantiles(tilts, weights, _ends(settings))
-    if is_known:
-        region = _known_region(low, high, along, settings)
+def slope_of(branches: Sequence[Branch], axes: FloatArray, settings: EstimatorSettings) -> KnownSlope:
+    """Slope of one branch or two, in the axes of a target's normal (3, k)."""
+    total = np.logaddexp.reduce([mass(log_weights) for *_, log_weights in branches])
+    drawn = [_points(branch, total, axes) for branch in branches]
+    # what a region's neighbours learn is not bent by this: its azimuth may be the one that is wrong
+    facing = [_facing(points, axes) for points in drawn]
+    shares = np.array([weights.sum() for _, weights in facing])
+    first = int(np.argmax(shares))
+    best, second = _mean(*facing[first]), None
+    share = float(shares[first] / shares.sum())
+    if 1.0 - share >= LEAST_SHARE and angle_between_deg(other := _mean(*facing[1 - first]), best) > 1.0:
+        second = other
+    along = axes[:, 0] if axes.shape[1] == 2 else np.append(best[:2], 0.0) / max(np.hypot(*best[:2]), 1e-9)
+    points, weights = drawn[first]
+    leans = np.degrees(np.arctan2(points @ along, points[:, 2]))
+    low, high = quantiles(leans, weights, _ends(settings))
+    if axes.shape[1] == 2:
+        is_flat, azimuth = low <= 0.0, float(tilt_azimuth(along)[1])
     else:
-        region = _free_region(points, weights, best, settings)
-    return KnownSlope(best, region, (low, high), None, 1.0)
+        is_flat, azimuth = _holds_upright(points, weights, settings.confidence), math.nan
+    region = _region(facing[first], is_flat, azimuth, settings)
+    return KnownSlope(best, region, 0.5 * (high - low), 1.0 - float(shares.sum()), second, share)
 
 
-def _points(
-    units: FloatArray,
-    tangents: FloatArray,
-    covariance: FloatArray,
-    log_weights: FloatArray,
-    facing: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
+def _facing(drawn: Points, axes: FloatArray) -> Points:
+    """Those that lean to the side of a known azimuth; upright, with hardly any weight, if none does."""
+    points, weights = drawn
+    if axes.shape[1] == 3:
+        return drawn
+    leans = points @ axes[:, 0] > 0.0
+    return (points[leans], weights[leans]) if leans.any() else (VERTICAL[np.newaxis], np.array([1e-9]))
+
+
+def _points(branch: Branch, total: float, axes: FloatArray) -> Points:
+    """Points of a branch, which weigh its probability; `total` is the log-weight of all branches."""
+    units, tangents, covariance, log_weights = branch
     standard = _standard(tangents.shape[2])
-    weights = np.exp(log_weights - mass(log_weights))
-    used = weights > 1e-6
-    root = np.linalg.cholesky(covariance[used])
-    turned = np.matmul(standard, root.transpose(0, 2, 1))
+    weights = np.exp(log_weights - total)
+    used = weights > 1e-6 * weights.sum()
+    turned = np.matmul(standard, np.linalg.cholesky(covariance[used]).transpose(0, 2, 1))
     drawn = units[used][:, np.newaxis] + np.matmul(turned, tangents[used].transpose(0, 2, 1))
     drawn /= np.linalg.norm(drawn, axis=2, keepdims=True)
-    return (drawn @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
+    each = weights[used] * (weights.sum() / weights[used].sum() / POINTS)
+    return (drawn @ axes.T).reshape(-1, 3), np.repeat(each, POINTS)
 
 
 @cache
@@ -153,40 +160,35 @@ def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def _known_region(
-    low: float, high: float, along: FloatArray, settings: EstimatorSettings
-) -> LikelihoodRegion:
-    """The middle of the tilts along a known azimuth, without those to the other side."""
-    azimuth, limit = float(tilt_azimuth(along)[1]), settings.tilt_limit_deg
-    return LikelihoodRegion(max(low, 0.0), min(max(high, 0.0), limit), azimuth, azimuth, low <= 0.0)
-
-
 def _ends(settings: EstimatorSettings) -> tuple[float, float]:
     """Shares below both ends of an interval."""
     return 0.5 * (1.0 - settings.confidence), 0.5 * (1.0 + settings.confidence)
 
 
-def _free_region(
-    points: FloatArray, weights: FloatArray, best: FloatArray, settings: EstimatorSettings
-) -> LikelihoodRegion:
-    """The ellipse around the mean normal that holds the wanted share, projected on tilt and azimuth."""
-    plane = tangent_basis(best[np.newaxis])[0]
-    away = points @ plane
-    away = away - weights @ away
-    covariance = (weights[:, np.newaxis] * away).T @ away
-    distance = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
+def _holds_upright(points: FloatArray, weights: FloatArray, confidence: float) -> bool:
+    """True if the ellipse around the mean normal that holds the wanted share contains the vertical."""
+    plane = tangent_basis(_mean(points, weights)[np.newaxis])[0]
+    shares = weights / weights.sum()
+    away, upright = ((normals - shares @ points) @ plane for normals in (points, VERTICAL))
+    inverse = np.linalg.inv((shares[:, np.newaxis] * away).T @ away)
     # of the mixture's own distances: its tails are not those of a normal distribution
-    bound = quantiles(distance, weights, (settings.confidence,))[0]
-    angle = np.linspace(0.0, 2.0 * np.pi, 121)
-    rim = np.sqrt(bound) * np.column_stack([np.cos(angle), np.sin(angle)]) @ np.linalg.cholesky(covariance).T
-    outline = best + (rim + weights @ points @ plane - best @ plane) @ plane.T
-    outline /= np.linalg.norm(outline, axis=1, keepdims=True)
-    upright = VERTICAL @ plane - weights @ points @ plane
-    is_flat = bool(upright @ np.linalg.inv(covariance) @ upright <= bound)
-    # a normal beyond the limit bounds itself
-    limit = max(settings.tilt_limit_deg, float(tilt_azimuth(best)[0]))
-    start = np.zeros(1, np.int64)
-    return project(np.vstack([outline, best]), start, best[np.newaxis], np.array([is_flat]), limit)[0]
+    bound = quantiles(np.sum(away @ inverse * away, axis=1), shares, (confidence,))[0]
+    return bool(upright @ inverse @ upright <= bound)
+
+
+def _region(drawn: Points, is_flat: bool, azimuth: float, settings: EstimatorSettings) -> LikelihoodRegion:
+    """Intervals of tilt and azimuth, each of the wanted share; `azimuth` is NaN where it is not known."""
+    points, weights = drawn
+    tilts, azimuths = tilt_azimuth(points)
+    low, high = quantiles(tilts, weights, _ends(settings))
+    if math.isfinite(azimuth):
+        left, right = azimuth, azimuth
+    else:
+        azimuth = float(tilt_azimuth(_mean(points, weights))[1])
+        turned = (azimuths - azimuth + 180.0) % 360.0 - 180.0
+        ends = (-180.0, 180.0) if is_flat else quantiles(turned, weights, _ends(settings))
+        left, right = (azimuth + end for end in ends)
+    return LikelihoodRegion(0.0 if is_flat else low, high, left, right, is_flat)
 
 
 def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]) -> list[float]:
@@ -390,6 +392,12 @@ def surprise(joint: Moments, settings: EstimatorSettings, prior_sds: dict[str, f
         if name in WORDS and abs(off) > abs(worst.sds):
             worst = Surprise(name, off)
     return worst if abs(worst.sds) > SURPRISING_SDS else None
+
+
+def unlikeness(learner: Learner) -> float:
+    """How much beds do alone for minutes and hours, over the usual, as learnt from them."""
+    filters = learner.posterior.filters
+    return float(learner.posterior.weights @ filters.noise.unlike(filters.hypotheses.unrest))
 
 
 def cause(minutes: Sequence[MinuteInputs], unusual: Surprise | None) -> str:

@@ -41,7 +41,7 @@ def unstated_slope(learner: Learner, reference: int) -> KnownSlope:
         units /= np.linalg.norm(units, axis=1, keepdims=True)
         covariance = covariance / scale[..., np.newaxis] ** 2
         tangents = np.broadcast_to(layout.level_axes, (len(units), 3, 2))
-    return slope_of(units, tangents, covariance, log_weights, facing, learner.settings)
+    return slope_of([(units, tangents, covariance, log_weights)], facing, learner.settings)
 
 
 def statement_sds(learner: Learner, reference: int) -> float:

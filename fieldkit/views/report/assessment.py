@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.model.slope import CERTAIN, SlopeEstimate, SlopeState, is_certain
+from fieldkit.model.slope import CERTAIN
 from fieldkit.views import formatting
 from fieldkit.views.report.series import Series, TargetSeries
 
@@ -57,20 +57,14 @@ def truths_held(columns: Series) -> str:
 
 
 def _headline(columns: Series) -> str:
-    estimated = [target for target in columns.targets if target.final_estimate is not None]
-    certain = [target for target in estimated if target.final_estimate and is_certain(target.final_estimate)]
+    finals = [target.final_estimate for target in columns.targets if target.final_estimate]
     if not columns.targets:
         return "No target regions are drawn: nothing was estimated."
-    if not estimated:
+    if not finals:
         return f"No slope was found on any of {len(columns.targets)} targets."
-    off = {target.region.name: error for target in estimated if np.isfinite(error := _final_error(target))}
-    if certain and len(off) == len(columns.targets) and all(map(_is_held, estimated)):
-        sentence = _all_held([target.final_estimate for target in estimated if target.final_estimate])
-    else:
-        sentence = _certain_sentence(len(certain), len(columns.targets))
-        if wide := [target for target in estimated if target not in certain]:
-            sentence += f" Wide: {', '.join(map(_with_second_branch, wide))}."
-        sentence = f"{sentence} {truths_held(columns)}".strip()
+    sentence = f"{formatting.findings(finals, columns.regions)}. {truths_held(columns)}".strip()
+    errors = {target.region.name: _final_error(target) for target in columns.targets}
+    off = {name: error for name, error in errors.items() if np.isfinite(error)}
     if not off:
         return f"{sentence} No true tilts were given to compare with."
     worst = max(off, key=lambda name: off[name])
@@ -84,38 +78,6 @@ def _final_error(target: TargetSeries) -> float:
         if target.final_estimate
         else float("nan")
     )
-
-
-def _is_held(target: TargetSeries) -> bool:
-    """True if the given tilt lies within the region of the final estimate, which a single slope fits."""
-    final, truth = target.final_estimate, target.region.tilt_deg
-    is_single = final is not None and final.state is not SlopeState.NOT_RESOLVED
-    return bool(is_single and final and final.tilt_low_deg <= truth <= final.tilt_high_deg)
-
-
-def _all_held(finals: Sequence[SlopeEstimate]) -> str:
-    """That all are right, and the widest region."""
-    widths = {final.region: formatting.half_region(final) for final in finals}
-    widest = max(widths, key=lambda name: widths[name])
-    some = {1: "The slope was", 2: "Both slopes were"}
-    every = some.get(len(finals), f"All {len(finals)} slopes were")
-    return (
-        f"{every} found, ±{widths[widest]:.1f}° at most ({widest}): every given tilt is within its "
-        f"{formatting.confidence(finals)} region."
-    )
-
-
-def _certain_sentence(certain: int, total: int) -> str:
-    if not certain:
-        return "No slope is certain."
-    return f"Slopes were found on {_of(certain, total)}."
-
-
-def _with_second_branch(target: TargetSeries) -> str:
-    final = target.final_estimate
-    assert final is not None
-    second = formatting.second_branch(final)
-    return f"{target.region.name} {formatting.tilt(final)}°" + (f" or {second}" if second else "")
 
 
 def _of(some: int, total: int) -> str:

@@ -77,7 +77,7 @@ def _headline(parts: Sequence[Part]) -> str:
     count = int(np.isfinite(error).sum())
     mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
     wide = sum(target.wide for target in targets)
-    meaning = formatting.wide_means(_confidence(parts))
+    meaning = formatting.wide_means(_confidence(parts), parts[0].settings.target_half_width_deg)
     return f"{mean_words}, of which {wide} are wide: {meaning}."
 
 
@@ -91,7 +91,7 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, target, sd) for part in parts for target in part.columns.targets]
     sure = _confidence(parts)
     caption = (
-        f"Tilt: the final one ± the larger half of its {sure} region. MAE and SD: over the n minutes with an "
+        f"Tilt: the final one ± half the width of its {sure} region. MAE and SD: over the n minutes with an "
         f"estimate, of which some are wide; SD {sd_words(sd)}. RMSE: measured surface temperature "
         " against eq. (7), the reference standing in for air and sky."
     )

@@ -43,7 +43,7 @@ GUM = (
     "An estimate writes it as CSV."
 )
 MODELS = (
-    "The same minutes by each model: final tilts, ± the larger half of the likelihood region; mean absolute "
+    "The same minutes by each model: final tilts, ± half the width of the likelihood region; mean absolute "
     "error over all minutes with an estimate; share of these whose region holds the given tilt."
 )
 MODEL_WORDS: Mapping[Model, str] = {
@@ -135,7 +135,7 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
         "omitted: longwave of sky and ground": lambda b: _degrees(b, b.longwave_w_m2),
         "omitted: heat stored in the sand": lambda b: _degrees(b, b.storage_w_m2),
         "all omitted terms": lambda b: _degrees(b, b.omitted_w_m2),
-        "half the likelihood region": lambda b: _either_way(b.noise_deg),
+        "half the width of the likelihood region": lambda b: _either_way(b.noise_deg),
         f"{OFFSET_K:g} K between region and reference": lambda b: _either_way(b.of_offset(OFFSET_K)),
         f"irradiance wrong by {SCALE:.0%}": lambda b: _either_way(b.of_scale(SCALE)),
     }
@@ -255,7 +255,7 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
     )
     global_light = diffuse + light * columns.cos_zenith
     reflected = daylight.ground_reflected(global_light, settings.ground_albedo, cos_tilt)
-    absorbing, half_deg = 1.0 - settings.surface.albedo, (target.tilt_high_deg - target.tilt_low_deg) / 2
+    absorbing, half_deg = 1.0 - settings.surface.albedo, target.tilt_half_width_deg
     return ErrorBudget(
         name=target.region.name,
         diffuse_w_m2=_median(on_target - diffuse),

@@ -33,7 +33,7 @@ SPAN_S = 1200.0
 
 def slopes(data: ReportData) -> Table:
     """Each target with its final slope and the slope that was given."""
-    caption = f"±: the larger half of the {percent(data.settings.confidence)} region."
+    caption = f"±: half the width of the {percent(data.settings.confidence)} region."
     columns = ("region", "tilt °", "azimuth °", "given", "state")
     return Table(columns, list(map(_slope_row, data.columns.targets)), caption)
 
@@ -55,7 +55,7 @@ def accuracy(data: ReportData) -> Table:
     has_values = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
         f"The {sure} region {likelihood_words(data.settings)}. "
-        f"Wide: {formatting.wide_means(sure)}. "
+        f"Wide: {formatting.wide_means(sure, data.settings.target_half_width_deg)}. "
         f"{' '.join(filter(None, itertools.compress(columns.values(), has_values)))}"
     )
     visible_rows = [list(itertools.compress(row, has_values)) for row in rows]

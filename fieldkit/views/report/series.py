@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 _OF_ESTIMATES = (
-    *("tilt_deg", "tilt_low_deg", "tilt_high_deg"),
+    *("tilt_deg", "tilt_low_deg", "tilt_high_deg", "tilt_half_width_deg"),
     *("azimuth_deg", "azimuth_low_deg", "azimuth_high_deg", "kelvin_per_degree"),
 )
 
@@ -56,6 +56,7 @@ class TargetSeries:
     tilt_deg: FloatArray
     tilt_low_deg: FloatArray
     tilt_high_deg: FloatArray
+    tilt_half_width_deg: FloatArray
     azimuth_deg: FloatArray
     azimuth_low_deg: FloatArray
     azimuth_high_deg: FloatArray

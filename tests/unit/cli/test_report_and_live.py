@@ -81,7 +81,7 @@ def test_report_of_no_session_named_is_of_the_newest_and_goes_to_the_campaigns_r
     written = campaign / "reports" / f"{session.stem}.html"
     assert found.stdout.strip() == str(written)
     text = written.read_text(encoding="utf-8")
-    assert "Wide: b05 " in text
+    assert re.search(r"b05 \d+\.\d° \(\d+\.\d–\d+\.\d\), wide", text)
     assert "Simulated." in text
     assert re.search(r"<td[^>]*>paper<.*<strong>learned<.strong>", text, re.DOTALL)
 

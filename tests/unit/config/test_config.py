@@ -52,7 +52,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "min_minutes = 9\ncontour_tolerance_w_m2 = 5\ncontour_threshold = 0.6\nscale = 1.1\n"
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
-        'confidence = 0.8\nreference = "weather"\nair = "model"\n'
+        'confidence = 0.8\ntarget_half_width_deg = 3\nreference = "weather"\nair = "model"\n'
         '[surface]\nkind = "rock"\nsame = true\nalbedo = 0.3\nemissivity = 0.91\n'
         "emissivity_broadband = 0.92\nreflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
@@ -119,6 +119,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         longwave_down_w_m2=250.0,
         diffuse_fraction=0.2,
         confidence=0.8,
+        target_half_width_deg=3.0,
         prior=Prior(**{name: value / 2 for name, value in asdict(Prior()).items()}),
     )
     default = EstimatorSettings()

@@ -183,7 +183,8 @@ def test_tilted_reference_and_several_references(yard):
 def test_flat_target_is_called_flat(yard):
     beds = (*yard.beds[:1], replace(yard.beds[1], tilt_deg=0.0))
     level = replace(yard, beds=beds)
-    found = last_of(level, level.samples(120), EstimatorSettings(model="paper", offset_sd_k=0.1)).estimates[0]
+    settings = EstimatorSettings(model="paper", offset_sd_k=0.1, target_half_width_deg=3.0)
+    found = last_of(level, level.samples(120), settings).estimates[0]
     assert found.state == SlopeState.FLAT
     assert found.tilt_low_deg == 0.0
     assert found.azimuth_high_deg - found.azimuth_low_deg == pytest.approx(360.0)

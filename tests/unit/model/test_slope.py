@@ -9,7 +9,7 @@ from fieldkit.model.slope import (
     SlopeState,
     final_estimate,
     final_estimates,
-    is_certain,
+    half_width_deg,
     is_too_wide,
 )
 
@@ -35,28 +35,38 @@ def test_without_any_slope_the_last_reason_stands():
 
 
 @pytest.mark.parametrize(
-    ("tilt", "low", "high", "wide"),
+    ("tilt", "half", "target", "wide"),
     [
-        (17.0, 0.0, 40.2, True),
-        (30.4, 13.9, 45.0, True),
-        (5.0, 3.5, 6.5, False),  # 3 degrees wide, and gentle
-        (5.0, 3.5, 6.6, True),
-        (30.0, 27.0, 33.0, False),  # a fifth of its tilt
-        (30.0, 27.0, 33.1, True),
-        (15.0, np.nan, np.nan, True),
+        (5.0, 2.0, 2.0, False),
+        (5.0, 2.1, 2.0, True),
+        (30.0, 4.5, 2.0, False),  # 0.15 of its tilt
+        (30.0, 4.6, 2.0, True),
+        (30.0, 4.6, 5.0, False),
+        (5.0, 2.0, 1.0, True),
+        (15.0, np.nan, 2.0, True),
     ],
 )
-def test_a_slope_is_uncertain_beyond_three_degrees_and_a_fifth_of_its_tilt(tilt, low, high, wide):
-    assert bool(is_too_wide(tilt, low, high)) is wide
-    assert is_too_wide([tilt, tilt], [low, tilt], [high, tilt]).tolist() == [wide, False]
+def test_a_slope_is_wide_beyond_the_target_and_a_share_of_its_tilt(tilt, half, target, wide):
+    assert bool(is_too_wide(tilt, half, target)) is wide
+    assert is_too_wide([tilt, tilt], [half, 0.0], target).tolist() == [wide, False]
 
 
-def test_a_slope_held_over_a_cloud_is_as_certain_as_it_was():
-    sure = SlopeEstimate(0, "b", SlopeState.HELD_CLOUD, 15.0, 180.0, 14.0, 16.0)
-    assert is_certain(sure)
-    assert not is_certain(replace(sure, tilt_high_deg=20.0))
-    assert not is_certain(replace(sure, second_tilt_deg=33.0))
-    assert not is_certain(replace(sure, state=SlopeState.WIDE))
+@pytest.mark.parametrize(
+    ("tilt", "low", "high", "half"),
+    [
+        (15.0, 13.0, 18.0, 2.5),
+        (1.0, 0.0, 4.0, 3.0),  # cut at 0: as if it reached to -2
+        (3.0, 0.0, 4.0, 2.0),
+    ],
+)
+def test_half_a_width_is_half_the_width_and_of_a_cut_region_its_upper_half(tilt, low, high, half):
+    assert SlopeEstimate(0, "b", SlopeState.OK, tilt, 180.0, low, high).tilt_half_width_deg == half
+    assert half_width_deg([tilt], [low], [high]).tolist() == [half]
+
+
+def test_a_stated_half_width_is_kept():
+    slope = SlopeEstimate(0, "b", SlopeState.OK, 1.0, 180.0, 0.0, 4.0, tilt_half_width_deg=3.3)
+    assert replace(slope, tilt_deg=2.0).tilt_half_width_deg == 3.3
 
 
 def test_answers_come_in_the_order_of_the_regions_and_only_for_targets():

@@ -66,6 +66,7 @@ OTHER = {
     "level_sds_deg": {"flat": 1.0},
     "limits": {"surface_temperature": (175.0, 285.0)},
     "confidence": 0.8,
+    "target_half_width_deg": 1.0,
     "camera_path": CameraPath(Trajectory((0,), ((0.0, 0.0, 2.0),), ((0.0, 0.0, 0.0, 1.0),)), 50.0, (), 0.0),
 }
 """For every setting another value; those of contours and of the full model bring these along."""
@@ -79,6 +80,7 @@ OF_ANY = (
     "surface", "probes", "irradiance", "window_s", "azimuth", "refraction", "reflected_temperature_k",
     "noise_k", "settle_s", "min_minutes", "scale", "scale_sd", "exchange_sd", "offsets_k", "offset_sd_k",
     "emissivity_sd", "own_emissivity_sd", "factor_sd", "drift_sd_k_per_h", "confidence",
+    "target_half_width_deg",
 )  # fmt: skip
 TOGETHER = (OF_ANY, OF_CONTOURS, OF_FULL, OF_LEARNED)
 """What leaves slopes where all of it is another value; each alone takes a minute."""

@@ -30,7 +30,7 @@ WIDE = estimate(state=SlopeState.WIDE, tilt_low_deg=0.0, tilt_high_deg=40.2)
         (formatting.celsius(298.15), "25.00"),  # kelvin come in
         (formatting.celsius(math.nan), "–"),
         (formatting.number(math.nan), "–"),
-        (formatting.plus_minus(math.nan, 1.0, 2.0), "–"),
+        (formatting.plus_minus(math.nan, 1.0), "–"),
         (formatting.number(-0.04, 1), "0.0"),  # what is rounded to zero has no sign
         (formatting.number(-0.06, 1), "-0.1"),
         (formatting.size(11.2e9), "11.2 GB"),
@@ -51,11 +51,11 @@ def test_numbers(text, expected):
     ("text", "expected"),
     [
         (formatting.tilt(estimate(tilt_deg=15.0)), "15.0"),
-        # the larger half of a region
-        (formatting.tilt(estimate(tilt_deg=15.0, tilt_low_deg=14.5, tilt_high_deg=17.0)), "15.0 ±2.0"),
+        # half the width of a region
+        (formatting.tilt(estimate(tilt_deg=15.0, tilt_low_deg=14.5, tilt_high_deg=17.1)), "15.0 ±1.3"),
         (
             formatting.noise(estimate(tilt_deg=15.0, noise_tilt_low_deg=14.8, noise_tilt_high_deg=15.7)),
-            "±0.7°",
+            "±0.4°",
         ),
         (formatting.state(estimate(state=SlopeState.FLAT, tilt_high_deg=2.13)), "flat within 2.1°"),
         # a slope that may be flat has no azimuth
@@ -74,19 +74,28 @@ def test_slopes(text, expected):
 @pytest.mark.parametrize(
     ("value", "low", "high", "expected"),
     [
-        (5.0, 350.0, 15.0, "5 ±15"),  # across north
-        (5.0, -10.0, 15.0, "5 ±15"),
-        (355.0, 340.0, 361.0, "355 ±15"),
-        (2.0, 340.0, 12.0, "2 ±22"),
-        (350.0, 345.0, 20.0, "350 ±30"),
-        (350.0, 345.0, 380.0, "350 ±30"),
-        (-5.0, 340.0, 10.0, "-5 ±15"),
+        (5.0, -10.0, 16.0, "5 ±13"),
+        (355.0, 340.0, 362.0, "355 ±11"),
+        (355.0, 175.0, 535.0, "355 ±180"),
         (180.0, 180.0, 180.0, "180 given"),
     ],
 )
 def test_an_azimuth_region_across_north_is_as_wide_as_it_is(value, low, high, expected):
     azimuth = formatting.azimuth(estimate(azimuth_deg=value, azimuth_low_deg=low, azimuth_high_deg=high))
     assert azimuth == expected
+
+
+def test_findings_are_the_certain_slopes_then_the_others_then_the_known_beds():
+    tilts = {"b05": (4.9, 3.9, 5.9), "b15": (22.6, 17.6, 28.0), "b25": (24.9, 22.8, 27.0)}
+    slopes = [
+        replace(estimate(), region=name, tilt_deg=tilt, tilt_low_deg=low, tilt_high_deg=high)
+        for name, (tilt, low, high) in tilts.items()
+    ]
+    slopes[1] = replace(slopes[1], state=SlopeState.WIDE)
+    beds = [Region(name, RegionKind.REFERENCE, (), tilt) for name, tilt in (("flat", 0.0), ("b35", 35.0))]
+    certain = "b05 4.9° (3.9–5.9), b25 24.9° (22.8–27.0)"
+    assert formatting.findings(slopes, beds) == f"{certain}; b15 22.6° (17.6–28.0), wide; known: b35"
+    assert formatting.findings([estimate(state=SlopeState.NO_DATA)], beds) == ""
 
 
 @pytest.mark.parametrize("state", SlopeState)

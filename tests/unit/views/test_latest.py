@@ -101,4 +101,4 @@ def test_a_regions_cells_are_temperature_spread_tilt_azimuth_and_state(latest, m
     console.print(regions_table(latest, 120, 20))
     line = next(line for line in console.file.getvalue().splitlines() if line.startswith("b15"))
     # 310 K, spread 0.2 K
-    assert line.split()[1:8] == ["36.85", "0.20", "15.5", "±2.0", "178", "±12", "0.33"]
+    assert line.split()[1:8] == ["36.85", "0.20", "15.5", "±1.5", "178", "±10", "0.33"]

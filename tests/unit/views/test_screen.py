@@ -87,7 +87,7 @@ def test_tells_what_the_field_needs(latest, cols, rows):
     for needed in (
         "three-beds", "2017-12-11 13:08:00 JST, UTC+09:00", "55 210 lx", "835 W/m²", "eq10 /0.44",
         "zenith 58.8°", "azimuth 186.6°", "flat 26.9  b15 –", "9.0/s", "lost 2 garbled 3", "11.2 GB free",
-        "26.85", "15.5 ±2.0", "178 ±12", "0.33", "ok", "not resolved, or 43.3°/181°", "reference",
+        "26.85", "15.5 ±1.5", "178 ±10", "0.33", "ok", "not resolved, or 43.3°/181°", "reference",
         "recording 20171211T030800Z-three-beds", "1 h 00 min of 3 h 00 min, ends 15:08, Ctrl-C stops",
         "°C brightness", "surface",
     ):  # fmt: skip

@@ -12,7 +12,7 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
-from fieldkit.model.slope import CERTAIN, SlopeState, is_too_wide
+from fieldkit.model.slope import CERTAIN, TARGET_HALF_WIDTH_DEG, SlopeState, is_too_wide
 from tests.harness.drawn import drawn_world
 
 AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
@@ -54,7 +54,7 @@ def assert_sound(estimated, tilt_limit_deg=45.0):
         assert 0.0 <= one.tilt_low_deg <= one.tilt_deg <= one.tilt_high_deg
         assert one.tilt_high_deg <= max(tilt_limit_deg, one.tilt_deg)
         if one.state == SlopeState.OK:
-            assert not is_too_wide(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg)
+            assert not is_too_wide(one.tilt_deg, one.tilt_half_width_deg, TARGET_HALF_WIDTH_DEG)
             assert not one.reason
         else:
             assert one.reason

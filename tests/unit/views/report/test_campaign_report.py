@@ -80,7 +80,7 @@ def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
     for cause in (
         "omitted: diffuse light",
         "heat stored in the sand",
-        "half the likelihood region",
+        "half the width of the likelihood region",
         "irradiance wrong",
     ):
         assert cause in budget

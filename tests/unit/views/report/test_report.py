@@ -93,7 +93,7 @@ def test_report_tells_what_where_when_and_how_good(page_text):
     for needed in (
         "sand <slopes>",
         "35.5587 N 139.3952 E, 9 m · 2017-12-11 12:00 to 12:44 (JST, UTC+09:00), 45 min",
-        "No slope is certain. Wide: b15 15.",
+        "b15 15.",
         "1 device lost while recording",
         "1 gap while recording",
         "15°/180°", "25°/180°", "eq10 /0.44, no diffuse, horizontal",
@@ -229,35 +229,22 @@ def test_full_model_says_that_it_has_the_terms(written, settings):
 
 def test_verdict_names_the_worst_bed(make_minute, regions):
     found = assess(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
-    slopes, wide, truths, error = found.headline.split(". ")
-    assert "1 of 2" in slopes
-    assert wide.endswith("b25 24.0 ±1.0° or 43.3°/181°")
+    slopes, truths, error = found.headline.split(". ")
+    assert slopes == "b15 19.0° (18.0–21.0); b25 24.0° (23.0–25.0), not resolved, or 43.3°/181°"
     assert re.search("90 % .*1 of 2", truths)
     assert error.endswith("b15: 4.0°.")
     (warning,) = found.warnings
     assert re.fullmatch("b25 .*43.3°/181°.", warning)
 
 
-def test_all_regions_that_hold_the_given_tilt_are_found_though_one_is_wide(make_minute, regions):
-    minute = make_minute(0, tilt_deg=16.0)
-    wide = replace(
-        minute.estimates[1], state=SlopeState.WIDE, tilt_deg=23.0, tilt_low_deg=17.7, tilt_high_deg=28.3,
-        second_tilt_deg=float("nan"), second_azimuth_deg=float("nan"),
-        reason="anything fits; one region narrows",
-    )  # fmt: skip
-    found = assess(series([replace(minute, estimates=(minute.estimates[0], wide))], regions), [], "sealed")
-    assert re.fullmatch(r"Both .*±5\.3° .*\(b25\).*90 % .*\. .*b25: 2\.0°\.", found.headline)
-    (warning,) = found.warnings
-    assert re.fullmatch(r"b25 .*wide\. Anything fits\. One region narrows\.", warning)
-
-
-def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_minute, regions):
+def test_a_headline_over_wide_regions_has_their_numbers_and_warnings_their_reasons(make_minute, regions):
     minute = make_minute(0, tilt_deg=30.4, state=SlopeState.WIDE)
-    wide = replace(minute.estimates[0], tilt_low_deg=14.1, tilt_high_deg=46.9)
+    bounds = {"tilt_low_deg": 14.1, "tilt_high_deg": 46.9, "tilt_half_width_deg": 16.4}
+    wide = replace(minute.estimates[0], **bounds, reason="anything fits; one region narrows")
     held = replace(wide, region="b25", state=SlopeState.HELD_CLOUD)
     found = assess(series([replace(minute, estimates=(wide, held))], regions), [], "sealed")
-    assert found.headline.startswith("No slope is certain. Wide: b15 30.4 ±16.5°, b25 30.4 ±16.5°.")
-    assert re.fullmatch(r"b15 .*wide\.", found.warnings[0])
+    assert found.headline.startswith("b15 30.4° (14.1–46.9), wide; b25 30.4° (14.1–46.9), held: cloud.")
+    assert re.fullmatch(r"b15 .*wide\. Anything fits\. One region narrows\.", found.warnings[0])
 
 
 @pytest.mark.usefixtures("without_matplotlib")
