@@ -22,11 +22,12 @@ from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import AT_ONCE, Learner
-from fieldkit.estimation.learned.light_gaps import settled
 from fieldkit.estimation.learned.prior_state import prior_sds
+from fieldkit.estimation.learned.reading_gaps import settled
 from fieldkit.estimation.learned.statements import statement_sds, unlike_sds, unstated_slope
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.shade_evidence import DoubtfulShade
 from fieldkit.estimation.slopes import blank_estimate, budgets, kelvin_per_degree, slopes
 from fieldkit.estimation.weather_slopes import ROW_MINUTES, weather_slopes
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
@@ -285,12 +286,14 @@ class _Group:
         columns = RegionColumns(tuple(schedule.columns[place] for place in self._places))
         self._columns, self._targets, self._settings = columns, columns.targets, settings
         self._layout = Layout.of(columns, columns.targets, settings)
+        self._about = self._layout, columns.regions, settings
         self._learner: Learner | None = None
         self._found: list[readout.KnownSlope] = []
         self._moments = readout.Moments((), np.empty(0), np.empty((0, 0)))
         self._errors: ErrorSums = ErrorSums()
         self._first, self._taken = 0, -1
         self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
+        self._doubtful: list[DoubtfulShade] = []
         self._has_failed = False
 
     def goes_on(self, references: Sequence[int], targets: Sequence[int]) -> bool:
@@ -312,14 +315,17 @@ class _Group:
         if is_apart or self._taken < 0:
             self._learner, self._first, self._taken = None, row, row
         shaded = inputs.shade(history, self._layout)
-        # shade that is known only now lay over minutes that were taken without it
-        if self._learner and not np.array_equal(shaded[self._first : self._taken], self._shade):
-            past = inputs.minutes_between(history, self._first, self._taken, self._layout, self._settings)
-            self._learner.reshade(past)
+        # shade and instruments that are known only now were there in minutes that were taken without them
+        if self._learner and (
+            not np.array_equal(shaded[self._first : self._taken], self._shade)
+            or self._learner.logged_inputs != inputs.logged_inputs(history, self._first, *self._about)
+        ):
+            taken = inputs.recorded_session(history, self._first, self._taken, *self._about)
+            self._learner.take_again(taken)
         while self._taken < settled(history):
             self._take_row(history, self._taken, shaded[self._taken])
             self._taken += 1
-        self._read(shaded)
+        self._read(history, shaded)
 
     def _take_row(self, history: History, row: int, shaded: BoolArray) -> None:
         """Take a minute, or begin with it."""
@@ -329,8 +335,7 @@ class _Group:
             self._learner.add(inputs.minute_inputs(history, row, layout, settings, before, start, shaded))
         elif inputs.can_start(history, row, layout):
             self._first = row
-            regions = self._columns.regions
-            session = inputs.recorded_session(history, row, row + 1, layout, regions, settings)
+            session = inputs.recorded_session(history, row, row + 1, *self._about)
             self._learner = Learner(layout, settings, [session])
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
@@ -345,18 +350,18 @@ class _Group:
                 continue
             if not sessions:
                 self._first = first + row
-            regions, end = self._columns.regions, len(session)
-            sessions.append(inputs.recorded_session(session, row, end, self._layout, regions, self._settings))
+            sessions.append(inputs.recorded_session(session, row, len(session), *self._about))
         try:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions, AT_ONCE)
             self._taken = len(history)
-            self._read(inputs.shade(history, self._layout))
+            self._read(history, inputs.shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True
 
-    def _read(self, shaded: BoolArray) -> None:
+    def _read(self, history: History, shaded: BoolArray) -> None:
         """Slopes and moments of what is learned by now, with the `shade` of the minutes."""
+        self._doubtful = inputs.doubtful(history, self._layout, self._columns.regions)
         if self._learner is not None:
             # from the first minute taken on: a shade test that ends changes minutes that were taken
             self._shade = shaded[self._first : self._taken]
@@ -370,7 +375,13 @@ class _Group:
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
         chosen = history.only(self._places)
-        return [self._estimate(chosen, index) for index in self._holding()]
+        return [self._with_doubtful(self._estimate(chosen, index)) for index in self._holding()]
+
+    def _with_doubtful(self, slope: SlopeEstimate) -> SlopeEstimate:
+        """The estimate with shade of its region, or of a reference, that the temperatures contradict."""
+        others = {self._columns.regions[column].name for column in self._targets} - {slope.region}
+        reasons = (*(str(shade) for shade in self._doubtful if shade.region not in others), slope.reason)
+        return replace(slope, reason="; ".join(filter(None, reasons)))
 
     def _place(self, index: int) -> int:
         """Place of a target of the group among those of the layout, where further references come first."""

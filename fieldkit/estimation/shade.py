@@ -236,6 +236,7 @@ class ShadeMarks:
     """
 
     _events: list[Event] = field(default_factory=list)
+    _first: int | None = None
 
     def add(self, event: Event) -> None:
         """Take a mark; one that is not about the shade of a region may become one."""
@@ -244,12 +245,14 @@ class ShadeMarks:
     def tests(self, minute: int, schedule: RegionSchedule, *, is_last: bool) -> list[ShadeTest]:
         """The tests marked by the end of a minute, up to then; `is_last` counts marks made later too.
 
-        A mark is about the region as it was drawn when the mark was made.
+        A mark is about the region as it was drawn when the mark was made. One before the first minute asked
+        for is outside the recording, and no test.
         """
+        self._first = minute if self._first is None else self._first
         marked = [
             (noted, column, event)
             for event in corrected_events(self._events)
-            if "shade_test" in event.data
+            if "shade_test" in event.data and event.time_ns // MINUTE_NS >= self._first
             if (noted := _noted_minute(event)) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
         ]

@@ -10,12 +10,12 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.marks import Mark, When
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.model.units import MINUTE_NS
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
-YEAR_S = 365.25 * 86_400.0
-FAR_S = 10.0 * YEAR_S
-"""A mark further from now is a typing error."""
+FAR = timedelta(days=3653)
+"""A mark further from now is a typing error, also where the recording's start is not known."""
 
 
 def parse_when(text: str, now: datetime) -> When:
@@ -51,21 +51,26 @@ def _last(shown: time_of_day, now: datetime) -> datetime:
     return next(moment for moment in reversed(moments) if moment.timestamp() <= latest_s)
 
 
-def reject_impossible(mark: Mark, now: datetime) -> None:
-    """Raise `ConfigError` for a time further than `FAR_S` from now, or an end before its start."""
+def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
+    """Raise `ConfigError` for a mark outside its recording, or with an end before its start.
+
+    The recording goes from the minute of `start_ns`, UTC nanoseconds or 0 if unknown, to `now`, by a
+    watch that may be fast.
+    """
     ends = [mark.at] if mark.to is None else [mark.at, mark.to]
-    after_s = [_after_s(end, now) for end in ends]
-    for end, seconds in zip(ends, after_s, strict=True):
-        if abs(seconds) > FAR_S:
-            text = f"{seconds:g} s" if isinstance(end, float) else end
-            what = f"is more than {FAR_S / YEAR_S:.0f} years from now"
+    moments = [_moment(end, now) for end in ends]
+    start = datetime.fromtimestamp(start_ns // MINUTE_NS * 60, now.tzinfo) if start_ns else now - FAR
+    for end, moment in zip(ends, moments, strict=True):
+        if not start <= moment <= now + CLOCKS_DIFFER:
+            text = f"{end:g} s" if isinstance(end, float) else str(end)
+            what = f"outside the recording, from {start:%Y-%m-%d %H:%M} to {now:%Y-%m-%d %H:%M}"
             raise ConfigError(what, place=text, fix="give a time within the recording")
-    if after_s[-1] < after_s[0]:
+    if moments[-1] < moments[0]:
         raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange begin and end")
 
 
-def _after_s(when: When, now: datetime) -> float:
-    return datetime.fromisoformat(when).timestamp() - now.timestamp() if isinstance(when, str) else when
+def _moment(when: When, now: datetime) -> datetime:
+    return datetime.fromisoformat(when) if isinstance(when, str) else now + timedelta(seconds=when)
 
 
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:

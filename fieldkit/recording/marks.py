@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
+from fieldkit.model.mark_times import parse_when, reject_outside, reject_unknown_region
 from fieldkit.model.marks import Mark, When, shade_test
 from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
@@ -39,18 +39,18 @@ def mark_of(
 
     Times are as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
 
-    A shade test and a time of the site need the regions and the time of what records into `recordings`;
+    A shade test and a time other than now need the regions and times of what records into `recordings`;
     `config` loads the campaign's configuration where its recorder does not report them. Raises `ConfigError`
-    for a time that cannot be read, that is years away, or an end before its start, and for a shade test of an
-    unknown region.
+    for a time that cannot be read or is outside the recording, an end before its start, and for a shade test
+    of an unknown region.
     """
     test = shade_test(text)
-    now = datetime.now(UTC)
-    if test is not None or not (at.startswith("-") and (to is None or to.startswith("-"))):
-        regions, now = _regions_and_now(recordings, config)
+    now, start_ns = datetime.now(UTC), 0
+    if test is not None or at != "-0s" or to is not None:
+        regions, now, start_ns = _regions_and_times(recordings, config)
         reject_unknown_region(test, regions)
     mark = Mark(text, kind, parse_when(at, now), parse_when(to, now) if to else None)
-    reject_impossible(mark, now)
+    reject_outside(mark, start_ns, now)
     if longest is not None:
         if test is None or test[1] == "end" or to is not None:
             raise ConfigError(
@@ -78,30 +78,31 @@ def _moment(when: When, now: datetime) -> datetime:
     return now + timedelta(seconds=when)
 
 
-def _regions_and_now(recordings: Path, config: Callable[[], Config]) -> tuple[list[str], datetime]:
-    """Names of the regions, and now in the site's zone by the clock of the recording."""
+def _regions_and_times(recordings: Path, config: Callable[[], Config]) -> tuple[list[str], datetime, int]:
+    """Names of the regions, now in the site's zone by the clock of the recording, and its start, UTC ns."""
     session = session_in_progress(recordings)
     if session is not None and (status := recorder_status(session)) is not None:
         zone = ZoneInfo(status["timezone"])
-        return status["regions"], datetime.fromtimestamp(status["time_ns"] / SECOND_NS, zone)
+        now = datetime.fromtimestamp(status["time_ns"] / SECOND_NS, zone)
+        return status["regions"], now, status["start_ns"]
     configured = config()
-    return [region.name for region in configured.regions], _now(configured, session)
+    return [region.name for region in configured.regions], *_times(configured, session)
 
 
-def _now(config: Config, session: Path | None) -> datetime:
-    """Now at the site; a simulated field shows the time of its scene."""
+def _times(config: Config, session: Path | None) -> tuple[datetime, int]:
+    """Now at the site, and the recording's start, 0 if unknown; a simulated field shows its scene's time."""
     from fieldkit.sessions.reader import open_session
     from fieldkit.views import formatting
 
     zone = formatting.zone(config.site)
     if session is None or config.tables.simulation is None:
-        return datetime.now(zone)
+        return datetime.now(zone), 0
     await_inbox(session)  # from then on there is a file
-    deadline, end_ns = time.monotonic() + STARTED_WITHIN_S, 0
+    deadline, start_ns, end_ns = time.monotonic() + STARTED_WITHIN_S, 0, 0
     while not end_ns and time.monotonic() < deadline:  # until the first sample
         with open_session(session) as opened:
-            end_ns = opened.end_ns
-    return datetime.fromtimestamp(end_ns / SECOND_NS, zone) if end_ns else datetime.now(zone)
+            start_ns, end_ns = opened.start_ns, opened.end_ns
+    return datetime.fromtimestamp(end_ns / SECOND_NS, zone) if end_ns else datetime.now(zone), start_ns
 
 
 def correct_mark(path: Path, correction_of: Callable[[SessionReader], Mark]) -> Mark:

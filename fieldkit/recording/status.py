@@ -52,7 +52,8 @@ def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
     """A recording's status for commands.
 
     Its status as ``--json`` prints it (``document``) and as coloured text of `cols` columns (``text``), its
-    row of ``fieldkit ls`` (``brief``), and what marks depend on: regions' names, time zone, present time.
+    row of ``fieldkit ls`` (``brief``), and what marks depend on: regions' names, time zone, start and present
+    time.
     """
     latest, silent = status.latest, status.unresponsive
     warning = "" if silent is None else silent.at(latest.site)
@@ -64,6 +65,7 @@ def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
         "brief": brief(status.session, "recording", *session_facts),
         "regions": [region.name for region in latest.regions],
         "timezone": str(formatting.zone(latest.site)),
+        "start_ns": status.start_ns,
         "time_ns": latest.time_ns,
     }
 

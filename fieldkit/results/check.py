@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fieldkit.config.load import ignored_keys
+from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.estimator import Minute
+from fieldkit.estimation.learned.inputs import doubtful
+from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.errors import ConfigError, RefusedError, message_of
@@ -20,6 +23,7 @@ from fieldkit.model.finding import Finding, worst
 from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.results.minutes import SessionMinutes
@@ -91,6 +95,7 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
     if not any(finding.what == "file" for finding in findings):
         with open_session(path) as opened:
             findings += _config_findings(opened)
+            findings += _mark_findings(opened)
             findings += _estimate_findings(opened) if estimates else ()
     return CheckedSession(path, tuple(findings))
 
@@ -103,10 +108,34 @@ def _config_findings(session: SessionReader) -> Iterator[Finding]:
             yield Finding("warn", "config", f"keys of a later version are ignored: {', '.join(keys)}", fix)
 
 
+def _mark_findings(session: SessionReader) -> Iterator[Finding]:
+    """Marks outside the recording, which are not used."""
+    first, last = session.start_ns // MINUTE_NS, session.end_ns // MINUTE_NS
+    for number, mark in session.marks().items():
+        if not first <= mark.time_ns // MINUTE_NS <= last:
+            text = f"lies outside the recording and is not used: {mark.text}"
+            yield Finding("warn", f"mark {number}", text, _correct_marks(session))
+
+
+def _doubtful_findings(session: SessionReader) -> Iterator[Finding]:
+    """Marks of shade that the temperatures contradict."""
+    if not any("shade_test" in mark.data for mark in session.marks().values()):
+        return
+    minutes = _minutes(session)
+    columns = RegionColumns(minutes.regions)
+    layout = Layout.of(columns, columns.targets, minutes.settings)
+    for shade in doubtful(minutes.history, layout, minutes.regions):
+        yield Finding("warn", shade.region, str(shade), _correct_marks(session))
+
+
+def _correct_marks(session: SessionReader) -> str:
+    return f"correct its time or take it back: fieldkit mark --list --session {session.path}"
+
+
 def _estimate_findings(session: SessionReader) -> list[Finding]:
     """The estimates of the recording against those that the same samples give now."""
     try:
-        return _compare_estimates(session)
+        return [*_compare_estimates(session), *_doubtful_findings(session)]
     except Exception as error:  # whatever is in the file
         fix = getattr(error, "fix", None) or ""
         return [Finding("warn", "slopes", f"could not be computed again: {message_of(error)}", fix)]

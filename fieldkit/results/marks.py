@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
+from fieldkit.model.mark_times import parse_when, reject_outside, reject_unknown_region
 from fieldkit.model.marks import SHADE_TEST_S, Mark, When, mark_event, marks_made, numbers_named, shade_test
 from fieldkit.model.samples import Event
 from fieldkit.model.site import known_zone
@@ -48,7 +48,7 @@ def replacement(
     longest_s = float(mark.data.get("for_s", SHADE_TEST_S))
     correction = Mark(text or mark.text, new_label, start, end, longest_s, number)
     reject_unknown_region(shade_test(correction.text), [region.name for region in session.regions])
-    reject_impossible(correction, now)
+    reject_outside(correction, session.start_ns, _utc(session.end_ns).astimezone(now.tzinfo))
     return correction
 
 

@@ -1,26 +1,27 @@
 """Inputs of the filters for each minute, from the minute bins.
 
-A temperature that is missing is held from the minute before, and does not count as measured; light is as in
-`light_gaps`. Minutes without any bin are bridged by straight lines.
+A temperature that is missing is held from the minute before, and does not count as measured; light and
+weather are as in `reading_gaps`. Minutes without any bin are bridged by straight lines.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.disturbances import UNCOOLED_K
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.light_gaps import GapLight, light_at
+from fieldkit.estimation.learned.reading_gaps import WAIT_MIN, GapReading, reading_at
 from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.shade_evidence import DoubtfulShade, doubtful_shades, likely_shaded
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.climate import usual_air_k
@@ -34,18 +35,6 @@ Judged: because the slowest store of a layer keeps 0.38 of its heat over that ti
 is as unknown as before a session.
 """
 EVERY_REGION = slice(None)
-LOOK_BACK = 5
-"""Minutes before a shade with which its first whole one is compared.
-
-Judged: because a shadow that creeps in cools its region for minutes before it is noticed.
-"""
-LEAST_LIGHT_W_M2 = 120.0
-"""Direct light without which a board cools nothing that could be seen: that of sunshine (WMO-No. 8)."""
-AIR_HOLDS_MIN = 10.0
-"""How long an air temperature is taken to be as it was last logged.
-
-Judged: because loggers write every one to ten minutes.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +49,9 @@ class MinuteInputs:
         Unit vector to the sun (3,).
     temperature_k, measured
         Temperature of the regions; whether it was measured in this minute. [K]
-    direct, direct_change, direct_sd
-        Absorbed by a facet square to the sun; its change within the minute; its standard deviation where
-        there is no reading. [W/m2]
+    direct, direct_change, gap_sd
+        Absorbed by a facet square to the sun; its change within the minute; the standard deviation of what
+        heats it where readings are missing. [W/m2]
     diffuse, circumsolar, reflected
         Absorbed from the whole sky by a level facet; Hay and Davies' circumsolar share; absorbed from the
         ground by a facet that sees nothing else. [W/m2], [-]
@@ -88,7 +77,7 @@ class MinuteInputs:
     measured: BoolArray
     direct: float
     direct_change: float
-    direct_sd: float
+    gap_sd: float
     diffuse: float
     circumsolar: float
     reflected: float
@@ -118,7 +107,7 @@ class MinuteInputs:
 
 @dataclass(frozen=True, slots=True)
 class Logged:
-    """Quantities measured in a chain's first minute, by which priors are chosen.
+    """Quantities measured in a chain's first minutes, by which priors are chosen.
 
     `longwave_per_k` is the longwave that a warmer air means where neither was measured. [W m-2 K-1]
     `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
@@ -132,7 +121,7 @@ class Logged:
     diffuse: bool
     camera_k: float
     camera_sd_k: float
-    emissivities_k2: FloatArray
+    emissivities_k2: FloatArray = field(compare=False)
 
 
 class Recorded(NamedTuple):
@@ -145,18 +134,23 @@ class Recorded(NamedTuple):
 def logged_inputs(
     history: History, row: int, layout: Layout, regions: Sequence[Region], settings: EstimatorSettings
 ) -> Logged:
-    """Quantities of the minute bin in a row; `regions` are the columns of the history."""
+    """Quantities of the bins from a row on; `regions` are the columns of the history."""
     prior = settings.prior
-    over_probe = history.temperature_k[row, layout.columns] - history.probe_k[row, layout.columns]
-    probe_errors = over_probe[np.isfinite(over_probe)]
+    # one that is missing in the first minute alone is logged all the same
+    begin = history.at(np.flatnonzero(history.minute <= history.minute[row] + WAIT_MIN)[row:])
+    over_probe = begin.temperature_k[:, layout.columns] - begin.probe_k[:, layout.columns]
+    probe_errors = np.concatenate([column[np.isfinite(column)][:1] for column in over_probe.T])
     # each probe is off by its own constant, so the mean of many is a measurement of the camera
     weight = probe_errors.size / prior.probe_sd_k**2
     information = weight + 1.0 / prior.camera_offset_sd_k**2
+    air, longwave, diffuse = (
+        bool(np.isfinite(column).any()) for column in (begin.air_k, begin.longwave_down_w_m2, begin.dhi_w_m2)
+    )
     return Logged(
-        bool(np.isfinite(history.air_k[row])),
-        bool(np.isfinite(history.longwave_down_w_m2[row])),
-        _longwave_per_k(history, row, settings),
-        bool(np.isfinite(history.dhi_w_m2[row])),
+        air,
+        longwave,
+        0.0 if air or longwave else _longwave_per_k(settings, int(history.time_ns[row])),
+        diffuse,
         float(weight * probe_errors.mean() / information) if probe_errors.size else 0.0,
         float(information**-0.5),
         difference_covariance_k2(
@@ -167,12 +161,11 @@ def logged_inputs(
     )
 
 
-def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> float:
+def _longwave_per_k(settings: EstimatorSettings, time_ns: int) -> float:
     """Longwave that a warmer air means where neither was measured, W m-2 K-1: of a clear sky on the Earth."""
-    either = np.isfinite([history.air_k[row], history.longwave_down_w_m2[row]]).any()
-    if either or not BODIES[settings.body].has_air_of_earth:
+    if not BODIES[settings.body].has_air_of_earth:
         return 0.0
-    air_k = air_unlogged_k(math.nan, settings, int(history.time_ns[row]))
+    air_k = air_unlogged_k(math.nan, settings, time_ns)
     return 6.0 * float(daylight.clear_sky_longwave(air_k)) / air_k
 
 
@@ -209,19 +202,22 @@ def minute_inputs(
     measured = np.isfinite(kelvin)
     kelvin = np.where(measured, kelvin, _begin_k(kelvin) if before is None else before.temperature_k)
     cos_zenith = max(float(history.sun[row, 2]), 0.0)
-    light = light_at(history, row)
-    direct, diffuse = light.direct_w_m2, _diffuse(light, cos_zenith, settings)
+    names = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s")
+    light, skylight, longwave_read, air, wind = (reading_at(history, name, row) for name in names)
+    direct, diffuse = light.value, _diffuse(light.value, skylight.value, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
     is_shaded, is_moved = shaded
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
-    logged_k, stale_h = _logged_air_k(history, row, start, settings)
-    longwave = light.longwave_w_m2
-    air_k = logged_k
-    if math.isnan(logged_k):
-        air_k = air_unlogged_k(longwave, settings, int(history.time_ns[row]))
+    longwave, now_ns = longwave_read.value, int(history.time_ns[row])
+    hours, is_logged = float(history.minute[row] - start) / 60.0, not math.isnan(air.value)
+    stale_h = max(air.held_min - WAIT_MIN, 0.0) / 60.0 if is_logged else hours
+    air_k = _held_air_k(air, now_ns, settings) if is_logged else air_unlogged_k(longwave, settings, now_ns)
     longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
+    windy = settings.prior.wind_w_m2_k_per_m_s * (kelvin.mean() - air_k)
+    by_air, by_wind = settings.prior.exchange_w_m2_k * air.sd, windy * wind.sd
+    gap_sd = math.hypot(absorptance * light.sd, absorptance * skylight.sd, longwave_read.sd, by_air, by_wind)
     # the ground around, which the regions see, is taken to be as warm as the flattest reference
     ground_k = kelvin[0]
     top = float(daylight.extraterrestrial(history.time_ns[row], BODIES[settings.body]))
@@ -230,14 +226,14 @@ def minute_inputs(
     if settings.circumsolar_share and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
         around_sun, band = map(float, daylight.perez_brightening(diffuse, direct, top, cos_zenith))
     return MinuteInputs(
-        hours=float(history.minute[row] - start) / 60.0,
+        hours=hours,
         sun=history.sun[row].copy(),  # a view would keep the whole history
         temperature_k=kelvin,
         # a mean over a minute in which a shadow moved depends on when it did
         measured=measured & ~is_edge,
         direct=absorptance * direct,
         direct_change=0.0 if before is None else abs(absorptance * direct - before.direct),
-        direct_sd=absorptance * light.error_w_m2,
+        gap_sd=gap_sd,
         diffuse=absorptance * diffuse,
         circumsolar=circumsolar,
         reflected=absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
@@ -251,7 +247,7 @@ def minute_inputs(
         horizon=band,
         air_stale_h=stale_h,
         air_returns=before is not None and before.air_stale_h > 0.0 and stale_h == 0.0,
-        wind_change=_wind_change(history, row),
+        wind_change=_wind_change(wind, history, start),
     )
 
 
@@ -285,39 +281,34 @@ def _begin_k(kelvin: FloatArray) -> FloatArray:
     return np.where(np.isfinite(kelvin), kelvin, kelvin[0])
 
 
-def _wind_change(history: History, row: int) -> float:
-    """The last logged wind speed over the first, 0 without any."""
-    rows = np.flatnonzero(np.isfinite(history.wind_m_s[: row + 1]))
-    return float(history.wind_m_s[rows[-1]] - history.wind_m_s[rows[0]]) if rows.size else 0.0
+def _wind_change(wind: GapReading, history: History, start: int) -> float:
+    """A wind speed over the first one logged, 0 without any."""
+    logged = history.wind_m_s[(history.minute >= start) & np.isfinite(history.wind_m_s)]
+    return wind.value - float(logged[0]) if logged.size and not math.isnan(wind.value) else 0.0
 
 
 def shade(history: History, layout: Layout) -> BoolArray:
     """Regions shaded in each row, and those whose shade begins or ends there (n, 2, regions).
 
-    Apart from the shadow of their horizon, and from marks that the temperatures contradict.
+    Apart from the shadow of their horizon, and as far as temperatures do not contradict marks.
     """
-    flagged = history.is_shaded()[:, layout.columns]
+    shaded = likely_shaded(*_flagged(history, layout))
+    before, after = np.vstack([shaded[:1], shaded[:-1]]), np.vstack([shaded[1:], shaded[-1:]])
+    return np.stack([shaded, shaded & ~(before & after)], axis=1)
+
+
+def doubtful(history: History, layout: Layout, regions: Sequence[Region]) -> list[DoubtfulShade]:
+    """Shade that the temperatures contradict; `regions` are the columns of the history."""
+    return doubtful_shades(*_flagged(history, layout), [regions[column].name for column in layout.columns])
+
+
+def _flagged(history: History, layout: Layout) -> tuple[BoolArray, History]:
+    """Shade of a layout's regions as flagged, but for that of their horizon (n, regions); their history."""
+    chosen = history.only(layout.columns)
+    flagged = chosen.is_shaded()
     rows = flagged.any(axis=1)
     flagged[rows] &= sunlit(history.sun[rows], layout) == 1.0
-    _drop_contradicted(flagged, history, layout)
-    before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
-    return np.stack([flagged, flagged & ~(before & after)], axis=1)
-
-
-def _drop_contradicted(flagged: BoolArray, history: History, layout: Layout) -> None:
-    """Clear the flags of shades in whose first whole minute a region cools no more than the unshaded ones."""
-    kelvin = history.temperature_k[:, layout.columns]
-    begins = flagged & ~np.vstack([np.zeros_like(flagged[:1]), flagged[:-1]])
-    for row, region in np.argwhere(begins):
-        whole = row + 1  # the first minute altogether in the shade
-        if row == 0 or whole >= len(flagged) or not history.dni_w_m2[whole] > LEAST_LIGHT_W_M2:
-            continue
-        early = max(row - LOOK_BACK, 0)
-        cooled = kelvin[early] - kelvin[whole]
-        others = cooled[~flagged[early : whole + 1].any(axis=0)]
-        if np.isfinite(others).any() and cooled[region] - np.nanmedian(others) < UNCOOLED_K:
-            lit_again = np.append(np.flatnonzero(~flagged[row:, region]), len(flagged) - row)[0]
-            flagged[row : row + lit_again, region] = False
+    return flagged, chosen
 
 
 def sunlit(sun: FloatArray, layout: Layout) -> FloatArray:
@@ -333,28 +324,23 @@ def bridge(before: MinuteInputs, after: MinuteInputs) -> Iterator[MinuteInputs]:
         yield before.between(after, minute / minutes)
 
 
-def _diffuse(light: GapLight, cos_zenith: float, settings: EstimatorSettings) -> float:
-    """Diffuse irradiance, W/m2: logged, or a fixed share of the global; none at night."""
+def _diffuse(direct: float, read: float, cos_zenith: float, settings: EstimatorSettings) -> float:
+    """Diffuse irradiance, W/m2: as read, or a fixed share of the global; none at night."""
     share = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction)
-    diffuse = share * light.direct_w_m2 * cos_zenith if np.isnan(light.diffuse_w_m2) else light.diffuse_w_m2
+    diffuse = share * direct * cos_zenith if math.isnan(read) else read
     return max(diffuse, 0.0) if cos_zenith > 0.0 else 0.0
 
 
-def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:
-    """The last logged air temperature, as it was, and for how long it has been stale, h; NaN without any.
+def _held_air_k(air: GapReading, now_ns: int, settings: EstimatorSettings) -> float:
+    """An air temperature; one held for long changes as the air usually does by then.
 
-    Smoothing would part it from the sun that warms it. A stale one changes as the air usually does by then.
+    Smoothing would part it from the sun that warms it.
     """
-    rows = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
-    if not rows.size:
-        return math.nan, float(history.minute[row] - start) / 60.0
-    last = int(rows[-1])
-    stale_h = max(float(history.minute[row] - history.minute[last]) - AIR_HOLDS_MIN, 0.0) / 60.0
-    logged_k = float(history.air_k[last])
-    if stale_h > 0.0 and settings.site is not None and BODIES[settings.body].has_air_of_earth:
-        then_k, now_k = usual_air_k(history.time_ns[[last, row]], settings.site).tolist()
-        logged_k += now_k - then_k
-    return logged_k, stale_h
+    if air.held_min <= WAIT_MIN or settings.site is None or not BODIES[settings.body].has_air_of_earth:
+        return air.value
+    read_ns = now_ns - round(air.held_min * MINUTE_NS)
+    then_k, now_k = usual_air_k(np.array([read_ns, now_ns]), settings.site).tolist()
+    return air.value + float(now_k - then_k)
 
 
 def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:

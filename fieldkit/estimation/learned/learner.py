@@ -164,10 +164,10 @@ class Learner:
                 self._follow(self._next)
                 self._next = None
 
-    def reshade(self, minutes: list[MinuteInputs]) -> None:
-        """Take the same minutes again, of which some turned out to be shaded, or not."""
-        # what was drawn and judged under the wrong shade counts no longer
-        self._sessions = [Recorded(self.logged_inputs, minutes)]
+    def take_again(self, session: Recorded) -> None:
+        """Take the same minutes again, of which some turned out to be shaded, or not, or to be read."""
+        # what was drawn and judged under the wrong inputs counts no longer
+        self._sessions = [session]
         self._take_all(FOLLOWING)
 
     def _take_all(self, count: int) -> None:

@@ -24,6 +24,7 @@ from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import DRYING_MINUTES, air_change_k, processes
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.shade_evidence import HIDDEN
 from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -54,11 +55,6 @@ BOARD_SD_W_M2 = 60.0
 """Longwave of a board instead of the sky's, and the skylight that comes in below it.
 
 Judged: because a board that is 10 K warmer or colder radiates 60 W/m2 more or less, 4 sigma T**3 x 10 K.
-"""
-HIDDEN = 0.7
-"""Share of the sky that a board hides.
-
-Judged: because a board held over one bed covers most of its sky and leaves the rim.
 """
 LOWEST_SUN = 0.05
 """Sine of the sun's elevation, 3 degrees, below which skylight around the sun grows no more.
@@ -147,7 +143,7 @@ class SurfaceModel:
         """Variances by place of what lasts one minute, and of the board while there is none."""
         change, prior = minute.direct_change, self.settings.prior
         sds = {
-            "beam": math.hypot(prior.beam_change_share * change, minute.direct_sd),
+            "beam": math.hypot(prior.beam_change_share * change, minute.gap_sd),
             "moment": MOMENT_SHARE * change,
             "edge": EDGE_SHARE * minute.direct,
             # a shutter or the housing's warmth moves all regions together

@@ -90,7 +90,7 @@ def _slope_warnings(columns: Series) -> list[str]:
     warnings = []
     for target in columns.targets:
         last = target.last
-        if last is not None and last.state not in CERTAIN:
+        if last is not None and (last.state not in CERTAIN or (last.reason and last.state is SlopeState.OK)):
             reasons = (f" {word[0].upper()}{word[1:]}." for word in last.reason.split("; ") if word)
             warnings.append(f"{target.region.name} ended as: {formatting.state(last)}.{''.join(reasons)}")
     minutes = int(columns.cloudy.sum())

@@ -236,9 +236,11 @@ def simulated(tmp_path):
 def test_a_running_recording_is_marked_in_the_time_of_its_scene_corrected_and_stopped_from_python(simulated):
     """The scene begins on the first of January 2016 at noon in Alamosa, seven hours behind UTC."""
     campaign, recordings, process = simulated
-    moments = ("12:02", "12:02+01:00", "2016-01-01T11:59")
+    moments = ("12:02", "20:01+01:00", "2016-01-01T12:00")
     for moment in moments:  # at once: nothing may be recorded yet
         mark(campaign, moment, "--at", moment)
+    for outside in ("12:02+01:00", "2016-01-01T11:59"):
+        assert run("mark", "-C", campaign, "x", "--at", outside).exit_code == 2
     for text in ("wind", "shade-test b15"):
         mark(campaign, text)
     take_back = ("mark", "-C", campaign, "--take-back", "shade-test b15")
@@ -254,8 +256,8 @@ def test_a_running_recording_is_marked_in_the_time_of_its_scene_corrected_and_st
         made = [event.text for event in session.events(recorded=True) if event.kind is EventKind.MARK]
     assert [datetime.fromtimestamp(marks[moment].time_ns / 1e9, UTC) for moment in moments] == [
         datetime(2016, 1, 1, 19, 2, tzinfo=UTC),
-        datetime(2016, 1, 1, 11, 2, tzinfo=UTC),
-        datetime(2016, 1, 1, 18, 59, tzinfo=UTC),
+        datetime(2016, 1, 1, 19, 1, tzinfo=UTC),
+        datetime(2016, 1, 1, 19, 0, tzinfo=UTC),
     ]
     assert set(marks) == {*moments, "gusts", "dust"}
     assert marks["dust"].data["label"] == "air"

@@ -5,8 +5,9 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.mark_times import parse_when, reject_impossible
+from fieldkit.model.mark_times import parse_when, reject_outside
 from fieldkit.model.marks import Mark
+from fieldkit.model.next_step import Argument
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
@@ -62,7 +63,39 @@ def test_anything_else_is_not_a_time(text):
         parse_when(text, NOON)
 
 
-def test_a_mark_within_ten_years_of_the_recordings_now_is_possible():
-    reject_impossible(Mark("x", at="2017-01-01T12:00:00-07:00"), NOON)
-    with pytest.raises(ConfigError, match="10 years"):
-        reject_impossible(Mark("x", at="2926-01-01T12:00:00-07:00"), NOON)
+def test_a_mark_of_another_decade_is_rejected_even_if_the_start_is_not_known():
+    reject_outside(Mark("x", at=-1e8), 0, NOON)
+    with pytest.raises(ConfigError):
+        reject_outside(Mark("x", at=-1e9), 0, NOON)
+
+
+START_NS = int(datetime(2026, 12, 11, 11, 0, 40, tzinfo=TOKYO).timestamp()) * 10**9
+
+
+@pytest.mark.parametrize(
+    "mark",
+    [
+        Mark("x"),
+        Mark("x", at="2026-12-11T11:00:00+09:00"),  # the minute in which the recording began
+        Mark("x", at="2026-12-11T12:04:00+09:00"),  # by a watch that is fast
+        Mark("x", at=-3500.0, to=-10.0),
+    ],
+)
+def test_a_mark_within_the_recording_is_possible(mark):
+    reject_outside(mark, START_NS, NOON)
+
+
+@pytest.mark.parametrize(
+    ("mark", "place"),
+    [
+        (Mark("x", at="2026-12-11T10:59:00+09:00"), "2026-12-11T10:59:00+09:00"),
+        (Mark("x", at=-7200.0, to=-10.0), "-7200 s"),
+        (Mark("x", at=-60.0, to="2026-12-11T12:30:00+09:00"), "2026-12-11T12:30:00+09:00"),
+        (Mark("x", at="2927-01-01T12:00:00+00:00"), "2927-01-01T12:00:00+00:00"),
+        (Mark("x", at=-60.0, to=-90.0), Argument("to")),
+    ],
+)
+def test_a_mark_outside_the_recording_is_rejected(mark, place):
+    with pytest.raises(ConfigError) as caught:
+        reject_outside(mark, START_NS, NOON)
+    assert caught.value.place == place
