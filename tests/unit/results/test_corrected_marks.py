@@ -1,6 +1,7 @@
 """Marks taken back and edited afterwards: what is stored stays, everything that is read is as corrected."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -170,3 +171,20 @@ def test_a_shade_test_taken_back_has_no_effect_on_the_slopes(sessions, shaded):
     with fieldkit.open_session(shaded) as session:
         session.take_back("shade-test b15")
     assert repr(slopes(shaded)) == repr(plain)
+
+
+def test_a_mark_outside_the_recording_is_refused_where_it_is_made_and_found_where_it_is_there(tmp_path):
+    path, clock = tmp_path / "a.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 10, clock)
+    before = mark(clock, "shade-test b05", shade_test="b05", phase="begin")
+    writer.put(replace(before, time_ns=before.time_ns - 60 * MINUTE_NS))
+    writer.close()
+    outside = [
+        finding for finding in check(path, estimates=False).findings if finding.what.startswith("mark")
+    ]
+    assert [(finding.what, finding.level) for finding in outside] == [("mark 2", "warn")]
+    with fieldkit.open_session(path) as session:
+        for moment in ("-1h", "2016-11-25T15:06:40Z"):
+            with pytest.raises(ConfigError):
+                session.edit_mark(1, at=moment)
