@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.model.slope import CERTAIN
+from fieldkit.model.slope import CERTAIN, SlopeState
 from fieldkit.views import formatting
 from fieldkit.views.report.series import Series, TargetSeries
 
