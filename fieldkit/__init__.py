@@ -24,6 +24,7 @@ if _TYPE_CHECKING:
     from fieldkit.recording.campaign import Campaign as Campaign
     from fieldkit.recording.campaign import init_campaign as init_campaign
     from fieldkit.recording.campaign import open_campaign as open_campaign
+    from fieldkit.recording.catalogue import catalogue as catalogue
     from fieldkit.recording.doctor import doctor as doctor
     from fieldkit.recording.in_progress import mark as mark
     from fieldkit.recording.in_progress import status as status
@@ -58,6 +59,7 @@ _HOMES = {
     "fieldkit.model.site": ("Region", "Site"),
     "fieldkit": ("calibrate",),
     "fieldkit.recording.campaign": ("Campaign", "init_campaign", "open_campaign"),
+    "fieldkit.recording.catalogue": ("catalogue",),
     "fieldkit.results.check": ("check",),
     "fieldkit.results.estimate": ("estimate",),
     "fieldkit.results.export": ("export",),

@@ -33,7 +33,7 @@ def _field_types(kind: type) -> dict[str, Any]:
 
 def _value(kind: Any, plain: Any, name: str) -> Any:
     """A value of a field's type."""
-    if kind is Any:
+    if kind is Any or type(plain) is kind:
         return plain
     if get_origin(kind) is UnionType:  # a type or None
         return None if plain is None else _value(get_args(kind)[0], plain, name)

@@ -103,6 +103,8 @@ class SessionReader:
         Where it was recorded.
     """
 
+    _is_outline = False
+
     def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
         self.path = path
         self.state = state
@@ -115,7 +117,7 @@ class SessionReader:
         self.session_id: str = str(attribute(file, "session_id"))
         self._times = StoredTimes(path, file, self.anchor_ns)
         self._readers = {
-            name: StreamReader(file, info, self.site, self._times, salvage=salvage)
+            name: StreamReader(file, info, self.site, self._times, salvage=salvage, outline=self._is_outline)
             for name, info in self.streams.items()
         }
 
@@ -215,6 +217,11 @@ class SessionReader:
                 **{name: str(attribute(self._file, name)) for name in root},
                 **{name: text(self._file, f"config/{name}") for name in config},
             }
+
+    @property
+    def written_by(self) -> str:
+        """Version of fieldkit that recorded it."""
+        return str(attribute(self._file, "fieldkit_version"))
 
     # --- samples
 
@@ -435,9 +442,10 @@ class SessionReader:
         except SessionError as error:
             raise stored.explain(self.path, error) from error
 
-    def table(self, name: str) -> dict[str, AnyArray]:
-        """The columns of a table of entries as stored, as many rows as all of them have."""
-        datasets = self._table_datasets(name)
+    def table(self, name: str, *columns: str) -> dict[str, AnyArray]:
+        """The columns of a table of entries as stored, or those named; as many rows as all of them have."""
+        declared = [column for column in self._columns[name] if not columns or column.name in columns]
+        datasets = self._table_datasets(name, declared)
         length = min((dataset.shape[0] for dataset in datasets.values()), default=0)
         if self._salvage:
             length = self._whole(datasets, length)
@@ -446,16 +454,16 @@ class SessionReader:
                 column.name: datasets[column.name][:length]
                 if column.name in datasets
                 else stored.unknown_rows(self._file, column, length)
-                for column in self._columns[name]
+                for column in declared
             }
 
-    def _table_datasets(self, name: str) -> dict[str, h5py.Dataset]:
+    def _table_datasets(self, name: str, columns: Iterable[layout.Column] = ()) -> dict[str, h5py.Dataset]:
         """The columns of a table that the file has; none where it is of a version without that table."""
         with self._explaining():
             if not stored.was_made(self._file, name):
                 return {}
             group = stored.group_of(self._file, name)
-            return stored.columns_of(group, self._columns[name], salvage=self._salvage)
+            return stored.columns_of(group, columns or self._columns[name], salvage=self._salvage)
 
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
@@ -484,6 +492,15 @@ class SessionReader:
     @cached_property
     def _columns(self) -> dict[str, Any]:
         return layout.entry_columns(self.header)
+
+
+class SessionOutline(SessionReader):
+    """A session of which only what a list of many shows is read: its header, times, tables.
+
+    Nothing is compared with what was sealed, and samples cannot be read.
+    """
+
+    _is_outline = True
 
 
 def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
@@ -594,7 +611,7 @@ def _open_file(
         if file is not None:
             file.close()
         raise stored.explain(path, error) from error
-    if session.state in ("sealed", "recovered"):
+    if session.state in ("sealed", "recovered") and kind is not SessionOutline:
         _warn_where_changed(session)
     return session
 

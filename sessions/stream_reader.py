@@ -79,12 +79,20 @@ class StreamReader:
     """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
 
     `damaged` has the rows that were found not to match their checksum so far, by whatever was read.
-    With `salvage` a column may have lost a part of its index. Times are corrected by the active time map, and
-    readings beyond their limits flagged, unless `recorded` asks for what is stored.
+    With `salvage` a column may have lost a part of its index; an `outline` has the times alone, to the
+    microsecond. Times are corrected by the active time map, and readings beyond their limits flagged, unless
+    `recorded` asks for what is stored.
     """
 
     def __init__(
-        self, file: h5py.File, info: StreamInfo, site: Site, times: StoredTimes, *, salvage: bool = False
+        self,
+        file: h5py.File,
+        info: StreamInfo,
+        site: Site,
+        times: StoredTimes,
+        *,
+        salvage: bool = False,
+        outline: bool = False,
     ) -> None:
         self.info = info
         self._site = site
@@ -93,8 +101,10 @@ class StreamReader:
         self._times = times
         self._group = stored.group_of(file, info.name)
         self._declared = {column.name: column for column in stream_columns(info)}
-        self._columns = stored.columns_of(self._group, self._declared.values(), salvage=salvage)
-        self._stored_frames = self._open_frames() if info.is_camera else []
+        self._is_outline = outline
+        columns = [self._declared["time"]] if outline else self._declared.values()
+        self._columns = stored.columns_of(self._group, columns, salvage=salvage)
+        self._stored_frames = self._open_frames() if info.is_camera and not outline else []
         self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
         self._packed = {frames.name for frames in self._stored_frames if is_packed(frames)}
@@ -154,7 +164,8 @@ class StreamReader:
 
     def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:
         """UTC nanoseconds of the samples."""
-        time_us, mono_ns = self.column("time", start, stop), self.column("mono_ns", start, stop)
+        time_us = self.column("time", start, stop)
+        mono_ns = None if self._is_outline else self.column("mono_ns", start, stop)
         return self._times.utc_ns(time_us, mono_ns, recorded=recorded)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +12,43 @@ from fieldkit.cli.common import Command, options, print_json, print_table, say, 
 from fieldkit.cli.session_paths import recordings_folder
 from fieldkit.recording.recordings import sessions_in
 
+_SHOWN = ("session", "region", "tilt_deg", "tilt_low_deg", "tilt_high_deg", "state", "true_tilt_deg", "start")
+
 
 @click.command(cls=Command)
 @click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
-def command(folder: Path | None) -> None:
-    """List sessions: when, how long, how many samples, which state."""
-    from fieldkit.recording.listing import session_rows
+@click.option(
+    "--where", metavar="CONDITION", help="Only regions that meet it, such as 'tilt > 10 and state == \"ok\"'."
+)
+@click.option("--since", metavar="DATE", help="Only sessions since then: 2026-11, 2026-11-03, 2026-11-03T12.")
+def command(folder: Path | None, where: str | None, since: str | None) -> None:
+    """List sessions: when, how long, how many samples, which state.
+
+    With --where, the slopes of their regions as recorded, a row each: columns compared with numbers and texts
+    by < <= > >= == != and joined by and, or, not. Columns: session, session_state, start, length, bytes,
+    title, fieldkit_version, settings (a digest of those of the estimate), region, state, tilt, tilt_low,
+    tilt_high, azimuth, true_tilt.
+    """
+    from fieldkit.recording.catalogue import catalogue_of
 
     folder = folder or recordings_folder()
     if (folder / "recordings").is_dir():
         folder = folder / "recordings"
-    rows = session_rows(folder, sessions_in(folder, say_warning))
+    listed = catalogue_of(folder, sessions_in(folder, say_warning), jobs=os.cpu_count() or 1)
+    listed = listed.since(since) if since else listed
+    listed = listed.where(where) if where else listed
+    rows = list(listed.sessions)
     if options().json:
         print_json({"folder": str(folder), "sessions": rows})
-        return
-    if not rows:
-        say(f"no sessions in {folder}")
-        return
+    elif not rows:
+        say(f"no such sessions in {folder}" if where or since else f"no sessions in {folder}")
+    elif where:
+        print_table(_SHOWN, [tuple(map(_cell, map(row.get, _SHOWN))) for row in listed.rows()])
+    else:
+        _print(rows)
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
     cells = [
         (*map(row.get, ("name", "state", "began", "length")), _counts(row), f"{row['bytes'] / 1e6:.1f}")
         for row in rows
@@ -39,3 +60,7 @@ def command(folder: Path | None) -> None:
 
 def _counts(row: dict[str, Any]) -> str:
     return "  ".join(f"{name} {count}" for name, count in row["samples"].items()) or row.get("problem", "")
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.1f}" if isinstance(value, float) else value or ""

@@ -35,12 +35,13 @@ def sessions_in(folder: Path, notify: Callable[[str], None] = log.info) -> list[
     """
     names = {path.name for path in folder.glob("*.h5")}
     names |= {path.name.removesuffix(JOURNAL) for path in folder.glob(f"*.h5{JOURNAL}")}
-    paths = [folder / name for name in sorted(names, key=in_natural_order)]
-    own = [path for path in paths if is_regular(path) or not os.path.lexists(path)]
-    for path in paths:
-        if path not in own:
+    paths: list[Path] = []
+    for path in [folder / name for name in sorted(names, key=in_natural_order)]:
+        if is_regular(path) or not os.path.lexists(path):
+            paths.append(path)
+        else:
             notify(f"{path} is skipped: it is a link, a folder or a device; name the session file itself")
-    return own
+    return paths
 
 
 def in_natural_order(name: str) -> list[str | int]:

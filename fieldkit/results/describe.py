@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fieldkit.model.channels import radiation_components
 from fieldkit.model.durations import precise_duration
@@ -13,11 +20,15 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region, Site
-from fieldkit.model.slope import SlopeEstimate, final_estimates
+from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates
 from fieldkit.results.json_document import attributes, learnt_document
+from fieldkit.results.sources import TABLES
+from fieldkit.sessions.layout import decode_text
 from fieldkit.sessions.lock import journal_path
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import SessionOutline, SessionReader, open_as
 from fieldkit.views import formatting
+
+_BRIEF_ANGLES = ("tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg")
 
 
 def describe(session: SessionReader) -> dict[str, Any]:
@@ -83,24 +94,63 @@ def _stream(session: SessionReader, name: str) -> dict[str, Any]:
 def describe_briefly(path: Path) -> dict[str, Any]:
     """State, time and counts of a session file, readable or not, as ``fieldkit ls --json`` prints them."""
     try:
-        with open_session(path) as session:
+        with open_as(SessionOutline, path) as session:
             counts = {name: session.count(name) for name in session.streams}
             times_ns, title = (session.start_ns, session.end_ns), session.header.title
-            return brief(path, session.state, session.site, *times_ns, counts, title)
+            return {
+                **brief(path, session.state, session.site, *times_ns, counts, title),
+                "fieldkit_version": session.written_by,
+                "settings": settings_digest(session.config_toml),
+                "regions": _brief_regions(session),
+            }
     except SessionError as error:
         state = "interrupted" if journal_path(path).exists() else "unreadable"
-        unknown = {"began": "", "length": "", "samples": {}, "bytes": _size(path)}
+        unknown = {"began": "", "length": "", "samples": {}, "bytes": _size(path), "regions": []}
         return {"name": path.name, "state": state, **unknown, "problem": error.message}
 
 
 def brief(
     path: Path, state: str, site: Site, start_ns: int, end_ns: int, counts: Mapping[str, int], title: str
 ) -> dict[str, Any]:
-    """The same of what is known of a session."""
+    """The same of what is known of a session that is being recorded: it has no final slopes yet."""
     interval = _interval(site, start_ns, end_ns)
     interval["length"] = precise_duration(interval["length_s"])
     size = {"samples": counts, "bytes": _size(path)}
-    return {"name": path.name, "state": state, **interval, **size, "title": title}
+    return {"name": path.name, "state": state, **interval, **size, "title": title, "regions": []}
+
+
+@cache  # the sessions of a campaign have a few configurations
+def settings_digest(config_toml: str) -> str:
+    """Twelve hexadecimal digits of a digest of the settings that an estimate depends on; empty without."""
+    try:
+        tables = tomllib.loads(config_toml)
+    except ValueError:  # of an imported session it may be anything
+        return ""
+    settings = json.dumps({name: tables.get(name) for name in TABLES}, sort_keys=True, default=str)
+    return hashlib.sha256(settings.encode()).hexdigest()[:12]
+
+
+def _brief_regions(session: SessionReader) -> list[dict[str, Any]]:
+    """The final slope of each target, in the order of the recording."""
+    table = session.table("estimates", "region", "state", *_BRIEF_ANGLES)
+    has_slope, final = np.isin(table["state"], WITH_SLOPE), dict[bytes, int]()
+    for row, region in enumerate(table["region"].tolist()):
+        if region not in final or has_slope[row] or not has_slope[final[region]]:
+            final[region] = row
+    known_deg = {region.name: region.tilt_deg for region in session.header.regions}
+    return [
+        {
+            "region": (name := decode_text(region)),
+            "state": SlopeState(int(table["state"][row])).name.lower(),
+            **{angle: _number(table[angle][row]) for angle in _BRIEF_ANGLES},
+            "true_tilt_deg": _number(known_deg.get(name, math.nan)),
+        }
+        for region, row in final.items()
+    ]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _size(path: Path) -> int:
