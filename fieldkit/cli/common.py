@@ -140,7 +140,7 @@ workers_options: Decorator = options_together(
         "--address", metavar="ADDRESS", help="Dask scheduler whose workers to use: tcp://10.0.0.5:8786."
     ),
 )
-"""``-j`` and ``--address`` for commands over many sessions, the fields of `Workers`."""
+"""``-j`` and ``--address`` for commands over many sessions: `fieldkit.results.executors.workers`."""
 
 
 def campaign_file() -> Path:

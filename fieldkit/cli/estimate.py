@@ -17,7 +17,6 @@ from fieldkit.model.site import Region, RegionKind, Site
 
 if TYPE_CHECKING:
     from fieldkit.results.batch import EstimatedSessions
-    from fieldkit.results.executors import Workers
 
 
 # --campaign and --without-mark, chosen for sessions, go on under the names of their arguments in Python
@@ -71,8 +70,6 @@ def command(
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit-slope[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
-    from fieldkit.results.executors import Workers
-
     are_tables = [path.suffix.lower() == ".csv" for path in sessions]
     if any(are_tables) and not (all(are_tables) and (together or len(sessions) == 1)):
         raise click.UsageError(
@@ -93,18 +90,23 @@ def command(
             raise click.UsageError("sessions are joined in this process: omit -j and --address")
         _estimate_together(paths, out, settings, chosen)
         return
-    _estimate_sessions(paths, out, Workers(jobs, address), settings, chosen)
+    _estimate_sessions(paths, out, (jobs, address), settings, chosen)
 
 
 def _estimate_sessions(
-    paths: Sequence[Path], out: Path | None, workers: Workers, settings: Sequence[str], chosen: dict[str, Any]
+    paths: Sequence[Path],
+    out: Path | None,
+    by: tuple[int | None, str | None],
+    settings: Sequence[str],
+    chosen: dict[str, Any],
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
     from fieldkit.results.estimate import require_slope
+    from fieldkit.results.executors import workers
 
     base = None if out is None else batch.base_of(out)
-    with batch.progress_bar("estimating") as on_progress:
-        estimates = estimate_sessions(paths, settings, **chosen, workers=workers, on_progress=on_progress)
+    with batch.progress_bar("estimating") as on_progress, workers(*by, len(paths)) as executor:
+        estimates = estimate_sessions(paths, settings, **chosen, executor=executor, on_progress=on_progress)
     if base is not None and estimates.estimates:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if estimates.estimates:

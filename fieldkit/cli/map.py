@@ -87,7 +87,7 @@ def command(
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
-    from fieldkit.results.executors import Workers
+    from fieldkit.results.executors import workers
     from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
 
     chosen = None
@@ -99,11 +99,12 @@ def command(
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
-        workers = Workers(jobs, address)
-        make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
-        write_all = partial(make_all, products=chosen, pose=camera, cell_m=cell_m, notify=common.say)
         of_map = variant(window, settings)
-        _map_many(_bases(paths, out, base, of_map), write_all, out, of_map)
+        bases = _bases(paths, out, base, of_map)
+        with workers(jobs, address, len(bases)) as executor:
+            make_all = partial(map_sessions, window=window, settings=settings, present=present)
+            write_all = partial(make_all, products=chosen, pose=camera, cell_m=cell_m, notify=common.say)
+            _map_many(bases, partial(write_all, executor=executor), out, of_map)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 

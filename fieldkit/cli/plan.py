@@ -69,7 +69,7 @@ def command(
     fieldkit plan --site 35.558675,139.395232,9 --on 2026-12-11 --facet 5,180 --facet 15,180
     """
     from fieldkit.recording.plan import PlanOptions, plan, target_facets
-    from fieldkit.results.executors import Workers
+    from fieldkit.results.executors import workers
 
     config, place = None, with_zone(site, zone) if site else None
     if place is None or not facets:
@@ -81,9 +81,9 @@ def command(
     experiments = None
     if at is not None or day_plan.day_plan.best_row is not None:
         session = day_plan.session(session_min, at=at, **_instruments(config))
-        with progress_bar("simulated sessions") as on_run:
+        with progress_bar("simulated sessions") as on_run, workers() as executor:
             experiments = day_plan.experiments(
-                session, with_measures=not as_planned, workers=Workers(), on_run=on_run
+                session, with_measures=not as_planned, executor=executor, on_run=on_run
             )
     path = out or (config.reports / f"plan-{day_plan.day}.html" if config else None)
     if path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,15 +58,16 @@ def command(
     fieldkit sweep recordings/ --set estimator.model=learned --set prior=configured,others
     """
     from fieldkit.cli import batch
-    from fieldkit.results.executors import Workers
+    from fieldkit.results.executors import workers
     from fieldkit.results.sweep import read_grid, sweep
 
     grid = read_grid(settings)
     paths = find_sessions(sessions)
     base = batch.base_of(out or _default(paths[0]))
-    with batch.progress_bar("estimating") as on_progress:
-        workers, notify = Workers(jobs, address), common.say
-        result = sweep(paths, grid, present=present, workers=workers, on_progress=on_progress, notify=notify)
+    runs = len(grid.sets) * len(paths)
+    with batch.progress_bar("estimating") as on_progress, workers(jobs, address, runs) as executor:
+        run = partial(sweep, executor=executor, on_progress=on_progress, notify=common.say)
+        result = run(paths, grid, present=present)
     common.say(f"done, {result.cached} of them known before")
     if result.columns:
         _print(result, result.write(base))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,6 @@ from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_d
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.regions import Point, Rect, RegionProperties, add_region
-from fieldkit.results.executors import Workers
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import Settings, settings_from
 from fieldkit.results.sweep import Sweep, sweep
@@ -199,7 +199,7 @@ class Campaign:
         /,
         *,
         sessions: Iterable[Session | str | Path] | None = None,
-        jobs: int = 1,
+        executor: Executor | None = None,
     ) -> Sweep:
         """Estimate sessions with every combination of parameters; what was estimated before is cached.
 
@@ -210,8 +210,8 @@ class Campaign:
             ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``.
         sessions
             Sessions or their files, of this campaign or of others; all of this one if not given.
-        jobs
-            Processes to work with.
+        executor
+            Any of `concurrent.futures`, whose workers estimate; this process unless given.
 
         Raises
         ------
@@ -225,7 +225,7 @@ class Campaign:
         """
         chosen = self.sessions.paths if sessions is None else sessions
         paths = [session.path if isinstance(session, Session) else session for session in chosen]
-        return sweep(paths, parameters, workers=Workers(jobs))
+        return sweep(paths, parameters, executor=executor)
 
 
 def open_campaign(path: str | Path = ".", settings: Settings = ()) -> Campaign:

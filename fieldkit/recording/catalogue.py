@@ -161,11 +161,11 @@ def _key(path: Path) -> str:
 def _describe(paths: Sequence[Path], jobs: int) -> list[Row]:
     if jobs == 1 or len(paths) < MANY:
         return list(map(_row, paths))
-    from fieldkit.results.executors import local, results
+    from fieldkit.results.executors import results, workers
 
     starts = range(0, len(paths), MANY // 2)
     pieces = [(start, partial(_describe, paths[start : start + MANY // 2], 1)) for start in starts]
-    with local(jobs) as executor:
+    with workers(jobs) as executor:
         parts = dict(results(executor, pieces))
     return [row for start in starts for row in parts[start]]
 

@@ -8,6 +8,7 @@ are those that a session like it would report by then, as planned and with each 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.irradiance import direct_normal, shares_on_plane
 from fieldkit.recording.predict import expected_field, field_history
-from fieldkit.results.executors import THIS_PROCESS, Workers, results
+from fieldkit.results.executors import results
 from fieldkit.simulation.boards import Board, boards_in_turn
 from fieldkit.simulation.gusts import Gusts, GustySky
 from fieldkit.simulation.scene_series import Exchange, SceneModel
@@ -274,7 +275,7 @@ def _better_known(session: PlannedSession) -> Iterator[tuple[str, PlannedSession
 
 
 def predict_runs(
-    runs: Sequence[Run], workers: Workers = THIS_PROCESS, on_run: Callable[[], None] | None = None
+    runs: Sequence[Run], executor: Executor | None = None, on_run: Callable[[], None] | None = None
 ) -> tuple[Experiment, ...]:
     """The report of each session at its marks, in the order of the runs.
 
@@ -283,14 +284,13 @@ def predict_runs(
     Raises `FieldkitError` if worker processes are killed.
     """
     by_run: dict[int, tuple[Experiment, ...]] = {}
-    with workers.executor(len(runs)) as executor:
-        pieces = ((index, partial(_outcomes, run)) for index, run in enumerate(runs))
-        for index, outcomes in results(executor, pieces):
-            if isinstance(outcomes, FieldkitError):
-                raise outcomes
-            by_run[index] = outcomes
-            if on_run:
-                on_run()
+    pieces = ((index, partial(_outcomes, run)) for index, run in enumerate(runs))
+    for index, outcomes in results(executor, pieces):
+        if isinstance(outcomes, FieldkitError):
+            raise outcomes
+        by_run[index] = outcomes
+        if on_run:
+            on_run()
     return tuple(experiment for index in sorted(by_run) for experiment in by_run[index])
 
 

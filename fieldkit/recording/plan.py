@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, date, datetime, time, timedelta
 from math import isfinite
@@ -39,7 +40,6 @@ from fieldkit.recording.experiments import (
     measures,
     predict_runs,
 )
-from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.sun_angles import checked_facets
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
@@ -237,7 +237,7 @@ class MeasuringPlan:
         session: PlannedSession | None = None,
         *,
         with_measures: bool = True,
-        workers: Workers = THIS_PROCESS,
+        executor: Executor | None = None,
         on_run: Callable[[int, int], None] | None = None,
     ) -> Experiments:
         """Half widths by the half hour of a session, and at its end with each measure that narrows them.
@@ -251,8 +251,8 @@ class MeasuringPlan:
             From `session`; by default three hours around the best window.
         with_measures
             Whether instruments, calibrations, a shade test, a known target and the evening are tried.
-        workers
-            Processes that share the work.
+        executor
+            Any of `concurrent.futures`, whose workers share the work; this process unless given.
         on_run
             Receives how many simulations are finished, and of how many.
 
@@ -264,7 +264,7 @@ class MeasuringPlan:
         session = session or self.session()
         runs = [as_planned(session), *(measures(session) if with_measures else ())]
         finished = iter(range(1, len(runs) + 1))
-        found = predict_runs(runs, workers, lambda: on_run(next(finished), len(runs)) if on_run else None)
+        found = predict_runs(runs, executor, lambda: on_run(next(finished), len(runs)) if on_run else None)
         return Experiments(session, found)
 
     def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:

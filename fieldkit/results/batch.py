@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
 from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import RegionKind
-from fieldkit.results.executors import THIS_PROCESS, Workers
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.results.executors import results
 from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
 from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates, budget_columns
-from fieldkit.results.sources import Source, source_of
+from fieldkit.results.sources import ONE, SessionOrFile, Source, path_of, source_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
+Result = TypeVar("Result")
 Failures = dict[Path, FieldkitError]
 """Errors of sessions that could not be estimated, or are damaged."""
 Progress = Callable[[int, int], None]
@@ -33,19 +36,66 @@ def no_progress(done: int, total: int) -> None:
     """Ignore progress."""
 
 
+class BySession(dict[Path, Result]):
+    """Results of sessions by their files, in the order asked for; `failures` has the errors of the others."""
+
+    def __init__(self, outcomes: Mapping[Path, Any]) -> None:
+        errors = {path: error for path, error in outcomes.items() if isinstance(error, FieldkitError)}
+        super().__init__({path: result for path, result in outcomes.items() if path not in errors})
+        self.failures: Failures = errors
+
+
+def each(
+    function: Callable[..., Result],
+    sessions: Iterable[SessionOrFile],
+    executor: Executor | None,
+    *arguments: Any,
+    on_progress: Progress = no_progress,
+    **options: Any,
+) -> BySession[Result]:
+    """Results of a function of a session for several; one named twice counts once."""
+    paths = list(dict.fromkeys(map(path_of, sessions)))
+    outcomes = {}
+    pieces = [(path, partial(function, path.resolve(), *arguments, **options)) for path in paths]
+    for path, result in results(executor, pieces):
+        outcomes[path] = result
+        on_progress(len(outcomes), len(paths))
+    return BySession({path: outcomes[path] for path in paths})
+
+
+def one_or_each(
+    function: Callable[..., Result],
+    sessions: SessionOrFile | Iterable[SessionOrFile],
+    executor: Executor | None,
+    *arguments: Any,
+    **options: Any,
+) -> Result | BySession[Result]:
+    """The result for a session, whose error is raised, or those for several."""
+    if not isinstance(sessions, ONE):
+        return each(function, sessions, executor, *arguments, **options)
+    by_session = each(function, [sessions], executor, *arguments, **options)
+    for error in by_session.failures.values():
+        raise error
+    return next(iter(by_session.values()))
+
+
 Estimate = Callable[[Sequence[Run]], Iterable[Outcome]]
 """Carries out runs."""
 
 
 def readable_sources(
-    paths: Iterable[Path], *, present: bool = False, without_marks: Collection[str] = ()
+    paths: Iterable[Path],
+    *,
+    present: bool = False,
+    regions: Sequence[Region] | None = None,
+    without_marks: Collection[int | str] = (),
 ) -> tuple[list[Source], Failures]:
     """Every session that can be estimated, and why the others cannot; a session named twice counts once."""
     sources: list[Source] = []
     failures: Failures = {}
     for path in dict.fromkeys(path.resolve() for path in paths):
         try:
-            source = source_of(path, present=present, without_marks=without_marks)
+            source = source_of(path, present=present, regions=regions, without_marks=without_marks)
             _require_target(source)
             sources.append(source)
         except FieldkitError as error:
@@ -65,22 +115,21 @@ def _require_target(source: Source) -> None:
 def outcomes_of(
     runs: Sequence[Run],
     failures: Failures,
-    workers: Workers = THIS_PROCESS,
+    executor: Executor | None = None,
     on_progress: Progress = no_progress,
 ) -> Iterator[Outcome]:
     """The outcomes of runs as they come, cached ones first.
 
     Sessions that cannot be read, or that are damaged in part, are added to `failures`.
     """
-    with workers.executor(len(runs)) as executor:
-        for done, outcome in enumerate(estimate_runs(runs, executor), start=1):
-            on_progress(done, len(runs))
-            if isinstance(outcome, Failure):
-                failures[outcome.run.source.path] = outcome.error
-                continue
-            if (damage := _damage(outcome)) is not None:
-                failures[outcome.run.source.path] = damage
-            yield outcome
+    for done, outcome in enumerate(estimate_runs(runs, executor), start=1):
+        on_progress(done, len(runs))
+        if isinstance(outcome, Failure):
+            failures[outcome.run.source.path] = outcome.error
+            continue
+        if (damage := _damage(outcome)) is not None:
+            failures[outcome.run.source.path] = damage
+        yield outcome
 
 
 def _damage(outcome: Outcome) -> IntegrityError | None:
@@ -119,6 +168,14 @@ class EstimatedSessions:
     def paths(self) -> dict[str, Path]:
         """The file of each session by its name."""
         return {name: path for path, name in session_names(self.sources).items()}
+
+    @property
+    def only(self) -> Estimates:
+        """The estimates of a single session; raises its error if it could not be estimated."""
+        if not self.estimates:
+            raise next(iter(self.failures.values()))
+        (estimates,) = self.estimates.values()
+        return estimates
 
     def columns(self) -> dict[str, list[Any]]:
         """The tables of all sessions below each other, the session's name in front."""
@@ -173,8 +230,9 @@ def estimate_sessions(
     settings: Sequence[str] = (),
     *,
     present: bool = False,
-    without_marks: Collection[str] = (),
-    workers: Workers = THIS_PROCESS,
+    regions: Sequence[Region] | None = None,
+    without_marks: Collection[int | str] = (),
+    executor: Executor | None = None,
     on_progress: Progress = no_progress,
 ) -> EstimatedSessions:
     """Estimate the slopes of sessions, with ``KEY=VALUE`` `settings` over their configurations.
@@ -183,14 +241,14 @@ def estimate_sessions(
     of `without_marks` have no effect. A session that cannot be estimated is in `failures`, and the others go
     on. Raises `ConfigError` for settings that are wrong.
     """
-    sources, failures = readable_sources(paths, present=present, without_marks=without_marks)
+    sources, failures = readable_sources(paths, present=present, regions=regions, without_marks=without_marks)
     runs = [run_of(source, settings) for source in sources]
     estimates = {
-        run.run.source.path: run.estimates for run in outcomes_of(runs, failures, workers, on_progress)
+        run.run.source.path: run.estimates for run in outcomes_of(runs, failures, executor, on_progress)
     }
     estimated_sources = tuple(source for source in sources if source.path in estimates)
     names = session_names(estimated_sources)
     by_name = {names[source.path]: estimates[source.path] for source in estimated_sources}
     return EstimatedSessions(
-        estimated_sources, by_name, failures, tuple(settings), present, tuple(without_marks)
+        estimated_sources, by_name, failures, tuple(settings), present, tuple(map(str, without_marks))
     )

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -26,8 +27,9 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
+from fieldkit.results.batch import BySession, one_or_each
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.sources import SessionOrFile, config_for, path_of
+from fieldkit.results.sources import ONE, SessionOrFile, config_for, path_of
 from fieldkit.sessions import check as file_check
 from fieldkit.sessions.finished_file import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -75,8 +77,20 @@ class CheckedSession:
         return pd.DataFrame([replace(finding, fix=str(finding.fix)) for finding in self.findings])
 
 
-def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
-    """Check a session or its file: checksums, gaps, rates, clocks, units, and with `estimates` the slopes.
+@overload
+def check(session: SessionOrFile, **options: Any) -> CheckedSession: ...
+@overload
+def check(session: Sequence[SessionOrFile], **options: Any) -> BySession[CheckedSession]: ...
+def check(  # type: ignore[misc]  # the options above are those below
+    session: SessionOrFile | Sequence[SessionOrFile],
+    *,
+    estimates: bool = True,
+    executor: Executor | None = None,
+) -> CheckedSession | BySession[CheckedSession]:
+    """Check a session, its file, or several: checksums, gaps, rates, clocks, units, with `estimates` slopes.
+
+    `executor` is any of `concurrent.futures`, whose workers check; this process unless given. Of several
+    sessions the checks are returned by file.
 
     Slopes are estimated again from the stored samples and compared with those the recording stored, unless
     this version recorded them with these settings on this computer. Nothing is changed. What is wrong is a
@@ -90,6 +104,8 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
     >>> checked.findings[0].text
     'sealed: every sample was compared with the journal'
     """
+    if executor is not None or not isinstance(session, ONE):
+        return one_or_each(check, session, executor, estimates=estimates)
     path = path_of(session)
     findings = file_check.check(path)
     if not any(finding.what == "file" for finding in findings):

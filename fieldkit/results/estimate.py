@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from fieldkit.config import Config, config_from_text
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -16,10 +16,12 @@ from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SLOPE_FIELDS, WITH_SLOPE, SlopeEstimate
+from fieldkit.results.batch import EstimatedSessions, estimate_sessions
 from fieldkit.results.json_document import learnt_document
 from fieldkit.results.minutes import estimate_run, run_of
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import (
+    ONE,
     SessionOrFile,
     log_warning,
     path_of,
@@ -31,8 +33,16 @@ from fieldkit.results.temperature_table import read_table
 from fieldkit.sessions.reader import SessionReader
 
 
+@overload
 def estimate(
-    session: SessionOrFile,
+    session: SessionOrFile, settings: Mapping[str, Any] | None = None, /, **options: Any
+) -> Estimates: ...
+@overload
+def estimate(
+    session: Sequence[SessionOrFile], settings: Mapping[str, Any] | None = None, /, **options: Any
+) -> EstimatedSessions: ...
+def estimate(
+    session: SessionOrFile | Sequence[SessionOrFile],
     settings: Mapping[str, Any] | None = None,
     /,
     *,
@@ -40,14 +50,15 @@ def estimate(
     present: bool = False,
     regions: Sequence[Region] | None = None,
     without_marks: Collection[int | str] = (),
+    executor: Executor | None = None,
     **values: Any,
-) -> Estimates:
+) -> Estimates | EstimatedSessions:
     """Estimate the slopes of a session minute by minute, as it was configured or with other parameters.
 
     Parameters
     ----------
     session
-        A finished session or its file.
+        A finished session or its file, or several.
     settings, values
         Keys of ``fieldkit.toml``: by their own name where only one table has it (``albedo=0.25``), else
         in full (``{"estimator.diffuse_fraction": 0.2}``).
@@ -59,12 +70,14 @@ def estimate(
         Regions drawn afterwards, in place of those of the session, for all of it; the session is not changed.
     without_marks
         Numbers (see `Session.marks`) or texts of marks that have no effect on the slopes.
+    executor
+        Any of `concurrent.futures`, whose workers estimate; this process unless given.
 
     Returns
     -------
     Estimates
         ``result["b05"]`` is the final estimate of a region, ``result.to_frame()`` the table of all minutes.
-        What was estimated before comes from the cache.
+        What was estimated before comes from the cache. Of several sessions, `EstimatedSessions`.
 
     Raises
     ------
@@ -89,9 +102,12 @@ def estimate(
     keys = {**(settings or {}), **values}
     if model is not None:
         keys["estimator.model"] = model
-    source = source_of(path_of(session), present=present, regions=regions, without_marks=without_marks)
-    run = run_of(source, settings_from(keys))
-    return replace(estimate_run(run), site=run.site)
+    chosen: dict[str, Any] = {"present": present, "regions": regions, "without_marks": without_marks}
+    if executor is None and isinstance(session, ONE):
+        return estimate_run(run_of(source_of(path_of(session), **chosen), settings_from(keys)))
+    paths = map(path_of, [session] if isinstance(session, ONE) else session)
+    estimated = estimate_sessions(paths, settings_from(keys), executor=executor, **chosen)
+    return estimated.only if isinstance(session, ONE) else estimated
 
 
 def estimate_tables(

@@ -1,17 +1,23 @@
-"""Workers that carry out runs: in this process, in others of this computer, or on a running Dask cluster."""
+"""Workers that carry out runs: this process, other processes of this computer, a Dask cluster.
+
+Any executor of `concurrent.futures` will do. Work, results and errors are pickled on the way, and a worker
+whose fieldkit or libraries are others refuses: its slopes would not be comparable.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.connection
 import os
+import platform
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -22,6 +28,8 @@ from fieldkit.model.version import __version__
 from fieldkit.results.cache import code_version
 
 Note = TypeVar("Note")
+Work = Callable[[], Any]
+"""A piece of work: a callable that can be pickled."""
 
 RETRIES = 3
 """Number of times that work is given to another worker after its worker died."""
@@ -29,19 +37,24 @@ CONNECT_WITHIN_S = 5
 """Time limit for connecting to a Dask scheduler."""
 
 
-def results(
-    executor: Executor, pieces: Iterable[tuple[Note, Callable[[], Any]]]
-) -> Iterator[tuple[Note, Any]]:
-    """Note and result of every piece of work, as they come; a piece is a callable that can be pickled.
+class OtherVersionError(RefusedError):
+    """A worker has another fieldkit, or none."""
+
+
+def results(executor: Executor | None, pieces: Iterable[tuple[Note, Work]]) -> Iterator[tuple[Note, Any]]:
+    """Note and result of every piece of work, as they come; without an executor by this process, in order.
 
     A `FieldkitError` that was raised is the result. The piece of a killed process is submitted again. Raises
-    `FieldkitError` if processes are killed repeatedly.
+    `FieldkitError` if processes are killed repeatedly, `OtherVersionError`.
     """
-    under_way: dict[Future[Any], tuple[Note, Callable[[], Any]]] = {}
+    if executor is None:
+        yield from ((note, _result(work)) for note, work in pieces)
+        return
+    under_way: dict[Future[Any], tuple[Note, Work]] = {}
     finished: SimpleQueue[Future[Any]] = SimpleQueue()
 
-    def submit(piece: tuple[Note, Callable[[], Any]]) -> None:
-        future = _submit(executor, piece[1])
+    def submit(piece: tuple[Note, Work]) -> None:
+        future = _submit(executor, partial(_carry_out, code_version(), piece[1]))
         under_way[future] = piece
         future.add_done_callback(finished.put)
 
@@ -51,16 +64,37 @@ def results(
         future = finished.get()
         note, work = under_way.pop(future)
         try:
-            result = future.result()
+            result = _result(future.result)
         except BrokenProcessPool:
             submit((note, work))
             continue
-        except FieldkitError as error:
-            result = error
+        except ImportError as error:
+            fix = f"install {DISTRIBUTION} {__version__} and the same libraries in the workers' environment"
+            raise OtherVersionError(f"a worker cannot import fieldkit: {error}", fix=fix) from error
+        if isinstance(result, OtherVersionError):
+            raise result
         yield note, result
 
 
-def _submit(executor: Executor, work: Callable[[], Any]) -> Future[Any]:
+def _result(work: Work) -> Any:
+    try:
+        return work()
+    except FieldkitError as error:
+        return error
+
+
+def _carry_out(version: str, work: Work) -> Any:
+    """In a worker: the result of a piece of work of that version of the code."""
+    if code_version() != version:
+        raise OtherVersionError(
+            f"has fieldkit {code_version()}, not {version}",
+            place=f"worker {os.getpid()} on {platform.node()}",
+            fix="install the same fieldkit and libraries there; slopes would not be comparable",
+        )
+    return work()
+
+
+def _submit(executor: Executor, work: Work) -> Future[Any]:
     try:
         return executor.submit(work)
     except BrokenProcessPool as error:
@@ -75,34 +109,25 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Workers that carry out runs: `jobs` processes of this computer, or the Dask cluster at `address`.
-
-    Without `jobs` there is one process for each core.
-    """
-
-    jobs: int | None = None
-    address: str | None = None
-
-    def executor(self, runs: int) -> AbstractContextManager[Executor]:
-        """The executor for so many runs; no more processes than runs."""
-        if self.address is not None:
-            return dask(self.address)
-        return local(max(1, min(self.jobs or cores(), runs)))
-
-
-THIS_PROCESS: Workers = Workers(1)
-
-
 @contextmanager
-def local(processes: int) -> Iterator[Executor]:
-    """Processes of this computer; a single one is this process itself, in a thread."""
-    pool: Executor = ThreadPoolExecutor(1) if processes == 1 else Processes(processes)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+def workers(
+    jobs: int | None = None, address: str | None = None, pieces: int = sys.maxsize
+) -> Iterator[Executor | None]:
+    """An executor of `jobs` processes, one for each core by default, or of the Dask cluster at `address`.
+
+    For a single process, or a single of `pieces`, it is None: this process.
+    """
+    if address is not None:
+        with dask(address) as cluster:
+            yield cluster
+    elif (count := min(jobs or cores(), pieces)) <= 1:
+        yield None
+    else:
+        pool = Processes(count)
+        try:
+            yield pool
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 class Processes(Executor):
@@ -137,8 +162,7 @@ class Processes(Executor):
 def dask(address: str) -> Iterator[Executor]:
     """The workers of a Dask cluster whose scheduler is at an address such as ``tcp://10.0.0.5:8786``.
 
-    Raises `ConfigError` if no scheduler responds or Dask is not installed, `RefusedError` if a worker has
-    another fieldkit.
+    Raises `ConfigError` if no scheduler responds or Dask is not installed, `RefusedError` without workers.
     """
     try:
         from distributed import Client
@@ -153,48 +177,13 @@ def dask(address: str) -> Iterator[Executor]:
             fix="start one: dask scheduler, and dask worker ADDRESS",
         ) from error
     with client:
-        _refuse_other_versions(client.run(_version_probe()))
+        if not client.scheduler_info()["workers"]:
+            raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
         executor = client.get_executor(pure=False, retries=RETRIES)
         try:
             yield executor
         finally:
             executor.shutdown(wait=False)
-
-
-def _version_probe() -> Callable[[], str]:
-    """A function that returns a worker's version of the code, empty if it cannot import fieldkit.
-
-    It is nested so that Dask sends its code; a module's function would be sent by name, which an older
-    worker cannot import.
-    """
-
-    def version() -> str:
-        try:
-            from fieldkit.results import cache
-        except ImportError:
-            return ""
-        return cache.code_version()
-
-    return version
-
-
-def _refuse_other_versions(versions: dict[str, str]) -> None:
-    if not versions:
-        raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
-    if without := [worker for worker, version in versions.items() if not version]:
-        raise RefusedError(
-            "cannot import fieldkit",
-            place=f"Dask worker {without[0]}",
-            fix=f"install {DISTRIBUTION} {__version__} and the same libraries in that worker's environment",
-        )
-    other = {worker: version for worker, version in versions.items() if version != code_version()}
-    if other:
-        worker, version = next(iter(other.items()))
-        raise RefusedError(
-            f"has fieldkit {version}, here is {code_version()}",
-            place=f"Dask worker {worker}",
-            fix="install the same fieldkit and libraries there; slopes would not be comparable",
-        )
 
 
 def _start_worker() -> None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any, overload
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.results.batch import BySession, one_or_each
 from fieldkit.results.result_files import campaign_folder
-from fieldkit.results.sources import SessionOrFile, path_of, reading
+from fieldkit.results.sources import ONE, SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.views import formatting
@@ -28,8 +31,14 @@ class Export:
     problems: tuple[str, ...]
 
 
+@overload
+def export(session: SessionOrFile, to: str, folder: str | Path | None = None, **options: Any) -> Export: ...
+@overload
 def export(
-    session: SessionOrFile,
+    session: Sequence[SessionOrFile], to: str, folder: str | Path | None = None, **options: Any
+) -> BySession[Export]: ...
+def export(  # type: ignore[misc]  # the options above are those below
+    session: SessionOrFile | Sequence[SessionOrFile],
     to: str,
     folder: str | Path | None = None,
     *,
@@ -39,18 +48,20 @@ def export(
     until: str | None = None,
     speed: float | None = None,
     palette: str | None = None,
+    executor: Executor | None = None,
     on_frame: Callable[[], None] | None = None,
-) -> Export:
-    """Write a session for other programs.
+) -> Export | BySession[Export]:
+    """Write a session, or each of several, for other programs.
 
     Parameters
     ----------
     session : Session or path
-        The session to export, or its file.
+        The session to export, or its file, or several; their exports are returned by file.
     to : str
         A format by its name in `fieldkit.sessions.formats.exports.EXPORTS`, such as ``"csv"``.
     folder : path, optional
-        Where to write; by default ``results/NAME`` of the campaign, or a folder beside the session.
+        Where to write, of several sessions each into ``NAME`` there; by default ``results/NAME`` of the
+        campaign, or a folder beside the session.
     stream : str, optional
         Which camera, if there are several; for MCAP, the only stream to write.
     every : int
@@ -62,8 +73,10 @@ def export(
         Of a video: seconds of the session per second; by default each frame is one of 25 pictures a second.
     palette : str, optional
         Colours of images and videos, of `fieldkit.palettes.NAMES`; inferno by default.
+    executor : Executor, optional
+        Any of `concurrent.futures`, whose workers read and write; this process unless given.
     on_frame : callable, optional
-        Called at each frame of the session, for progress.
+        Called at each frame of the session, for progress; not in other processes.
 
     Raises
     ------
@@ -82,7 +95,11 @@ def export(
         raise ConfigError("not a kind of export", place=Argument("to", to), fix=did_you_mean(to, EXPORTS))
     chosen = EXPORTS[to]
     options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
-    _refuse_unused(to, {**options, "begin": begin, "until": until})
+    times = {"begin": begin, "until": until}
+    _refuse_unused(to, {**options, **times})
+    if executor is not None or not isinstance(session, ONE):
+        write = export if folder is None or isinstance(session, ONE) else _export_into
+        return one_or_each(write, session, executor, to, folder, **options, **times)
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
         options["on_frame"] = on_frame
@@ -98,6 +115,10 @@ def export(
                 fix="name a folder that can be written and has room",
             ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
+
+
+def _export_into(session: Path, to: str, folder: Path, **options: Any) -> Export:
+    return export(session, to, Path(folder) / session.stem, **options)
 
 
 def _default_folder(session: Path) -> Path:

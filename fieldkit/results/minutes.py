@@ -363,7 +363,7 @@ class Failure:
     error: FieldkitError
 
 
-def estimate_runs(runs: Iterable[Run], executor: Executor) -> Iterator[Outcome | Failure]:
+def estimate_runs(runs: Iterable[Run], executor: Executor | None) -> Iterator[Outcome | Failure]:
     """The outcome of every run: cached ones, then the others as they are solved; each is kept at once.
 
     A session is read once for all its runs. One that cannot be read gives failures, and the others go on.
@@ -390,7 +390,7 @@ def estimate_runs(runs: Iterable[Run], executor: Executor) -> Iterator[Outcome |
             yield from (Outcome(run, estimates) for run in same)
 
 
-def _measure_all(runs: Iterable[Run], executor: Executor) -> dict[str, History | FieldkitError]:
+def _measure_all(runs: Iterable[Run], executor: Executor | None) -> dict[str, History | FieldkitError]:
     """The bins of runs, or why there are none, by `Run.bins_key`; each session is read once."""
     histories: dict[str, History | FieldkitError] = {}
     unread: dict[Path, dict[str, Run]] = defaultdict(dict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results import sources
+from fieldkit.results.batch import each
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.slope_map import slope_map
@@ -96,6 +98,7 @@ def report(
     out: str | Path | None = None,
     options: ReportOptions = DEFAULTS,
     *,
+    executor: Executor | None = None,
     notify: Callable[[str], None] = log_warning,
 ) -> Report:
     """Write the report of a session, or one of several sessions together.
@@ -109,6 +112,9 @@ def report(
         slide; by default HTML in the campaign's ``reports`` folder, or beside a session elsewhere.
     options
         How the sessions are estimated and summarised.
+    executor
+        Any of `concurrent.futures`, whose workers estimate the sessions of a report of several; this process
+        unless given.
     notify
         Receives notes, such as damaged samples that were excluded.
 
@@ -151,7 +157,7 @@ def report(
     if len(paths) == 1:
         pages = _report_session(paths[0], page, options, notify)
     else:
-        pages, failures = _report_sessions(paths, page, options)
+        pages, failures = _report_sessions(paths, page, options, executor)
     if pdf is None:
         return Report(pages, paths, failures)
     with writing(pdf):
@@ -192,16 +198,11 @@ def _report_session(
 
 
 def _report_sessions(
-    paths: Sequence[Path], out: Path | None, options: ReportOptions
+    paths: Sequence[Path], out: Path | None, options: ReportOptions, executor: Executor | None
 ) -> tuple[Path, dict[Path, FieldkitError]]:
     """One report of all sessions that can be read; raises the first failure where none can."""
-    parts: list[Part] = []
-    failures: dict[Path, FieldkitError] = {}
-    for path in paths:
-        try:
-            parts.append(report_part(path, options))
-        except FieldkitError as error:
-            failures[path] = error
+    by_session = each(report_part, paths, executor, options)
+    parts, failures = list(by_session.values()), by_session.failures
     if not parts:
         raise next(iter(failures.values()))
     out = out or default_path(paths[0]).with_name("campaign.html")

@@ -11,11 +11,12 @@ import math
 import platform
 import re
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -47,15 +48,23 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.results.batch import Failures, Progress, no_progress
+from fieldkit.results.batch import BySession, Failures, Progress, no_progress, one_or_each
 from fieldkit.results.cache import code_version
-from fieldkit.results.executors import THIS_PROCESS, Workers, results
+from fieldkit.results.executors import results
 from fieldkit.results.json_document import attributes
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.session_estimates import Estimates
-from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
+from fieldkit.results.sources import (
+    ONE,
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    reading,
+    settings_from,
+)
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats import geotiff
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -306,20 +315,27 @@ Maps = dict[Path, tuple[MappedSession, list[Path]]]
 """Maps and their files, by session."""
 
 
+@overload
+def slope_map(session: SessionOrFile, window: Window = None, **options: Any) -> MappedSession: ...
+@overload
 def slope_map(
-    session: SessionOrFile,
+    session: Sequence[SessionOrFile], window: Window = None, **options: Any
+) -> BySession[MappedSession]: ...
+def slope_map(  # type: ignore[misc]  # the options above are those below
+    session: SessionOrFile | Sequence[SessionOrFile],
     window: Window = None,
     *,
     settings: Settings = (),
     present: bool = False,
+    executor: Executor | None = None,
     on_progress: Progress = no_progress,
-) -> MappedSession:
-    """Estimate tilt and azimuth of every pixel of a session.
+) -> MappedSession | BySession[MappedSession]:
+    """Estimate tilt and azimuth of every pixel of a session, or of each of several.
 
     Parameters
     ----------
     session
-        A session or its file; it may still be recording.
+        A session or its file, which may still be recording, or several.
     window
         How far back from the last usable minute: seconds, "20m", "all", or "weather" for as far as the
         regions' own slopes look; as configured by default. By the learned model a day at most, and no
@@ -328,13 +344,16 @@ def slope_map(
         Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    executor
+        Any of `concurrent.futures`, whose workers map; this process unless given.
     on_progress
-        Called with the frames read so far and their number.
+        Called with the frames read so far and their number; by an executor and of several, with sessions.
 
     Returns
     -------
     MappedSession
-        The map, with `to_xarray`, `by_region` and `write`.
+        The map, with `to_xarray`, `by_region` and `write`. Of several, a dictionary of maps by file; its
+        `failures` has the errors of the others.
 
     Raises
     ------
@@ -352,6 +371,9 @@ def slope_map(
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
     [('flat', 4), ('b05', 6), ('b15', 16), ('b25', 26)]
     """
+    if executor is not None or not isinstance(session, ONE):
+        chosen: dict[str, Any] = {"settings": settings, "present": present}
+        return one_or_each(slope_map, session, executor, window, on_progress=on_progress, **chosen)
     with reading(session) as opened:
         return _map_session(opened, window, tuple(settings_from(settings)), present, on_progress)
 
@@ -365,7 +387,7 @@ def map_sessions(
     products: Products | None = None,
     pose: CameraPose | None = None,
     cell_m: float | None = None,
-    workers: Workers = THIS_PROCESS,
+    executor: Executor | None = None,
     notify: Callable[[str], None] = log_warning,
     on_progress: Progress = no_progress,
 ) -> tuple[Maps, Failures]:
@@ -375,24 +397,21 @@ def map_sessions(
     """
     maps: Maps = {}
     failures: Failures = {}
-    with workers.executor(len(bases)) as executor:
-        pieces = [
-            (path, partial(slope_map, path.resolve(), window, settings=settings, present=present))
-            for path in bases
-        ]
-        for done, (path, session_map) in enumerate(results(executor, pieces), start=1):
-            on_progress(done, len(bases))
-            if isinstance(session_map, FieldkitError):
-                failures[path] = session_map
-                continue
-            try:
-                files = session_map.write(bases[path], products, pose=pose, cell_m=cell_m, notify=notify)
-                maps[path] = session_map, files
-            except (ConfigError, NoAnswerError) as error:
-                failures[path] = error
-                continue
-            if (damage := session_map.damage) is not None:
-                failures[path] = damage
+    make = partial(slope_map, window=window, settings=settings, present=present)
+    pieces = [(path, partial(make, path.resolve())) for path in bases]
+    for done, (path, session_map) in enumerate(results(executor, pieces), start=1):
+        on_progress(done, len(bases))
+        if isinstance(session_map, FieldkitError):
+            failures[path] = session_map
+            continue
+        try:
+            files = session_map.write(bases[path], products, pose=pose, cell_m=cell_m, notify=notify)
+            maps[path] = session_map, files
+        except (ConfigError, NoAnswerError) as error:
+            failures[path] = error
+            continue
+        if (damage := session_map.damage) is not None:
+            failures[path] = damage
     return {path: maps[path] for path in bases if path in maps}, failures
 
 

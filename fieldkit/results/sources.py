@@ -38,6 +38,8 @@ log_info: Callable[[str], None] = logging.getLogger(__name__).info
 
 SessionOrFile = str | Path | SessionReader
 """A session, or the file of one."""
+ONE = (str, Path, SessionReader)
+"""Its kinds: what is none of them are several sessions."""
 Settings = Mapping[str, Any] | Sequence[str] | str
 """Values by key of ``fieldkit.toml``, as `fieldkit.estimate` takes them, or a list of ``KEY=VALUE``."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import partial
@@ -20,7 +21,6 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.results import batch
 from fieldkit.results.batch import Estimate, Progress, no_progress, outcomes_of
-from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.json_document import attributes
 from fieldkit.results.minutes import Outcome, Run, run_of
 from fieldkit.results.result_files import provenance, write_results
@@ -110,7 +110,7 @@ def sweep(
     parameters: Mapping[str, Sequence[Any]] | Grid,
     *,
     present: bool = False,
-    workers: Workers = THIS_PROCESS,
+    executor: Executor | None = None,
     on_progress: Progress = no_progress,
     notify: Callable[[str], None] = log_info,
 ) -> Sweep:
@@ -120,18 +120,19 @@ def sweep(
     ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``. Besides, with the learned model,
     ``"prior": ["configured", "others"]``: each session with the prior as configured, and with what all other
     sessions taught of sand and light meter. `present` takes the campaign's ``fieldkit.toml`` and regions as
-    they are now, `workers` estimate; `on_progress` is called with the number of finished runs and of all,
-    `notify` receives how many there are, before the first.
+    they are now. `executor` is any of `concurrent.futures`, whose workers estimate; this process unless
+    given. `on_progress` is called with the number of finished runs and of all, `notify` receives how many
+    there are, before the first.
 
     Sessions that cannot be estimated are in the `failures` of the sweep. Raises `ConfigError` for a key or
     value that no estimate has, and for the prior from others of a single session.
     """
     grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
     sources, failures = batch.readable_sources(map(Path, sessions), present=present)
-    runs = runs_of(sources, grid, partial(outcomes_of, failures=failures, workers=workers))
+    runs = runs_of(sources, grid, partial(outcomes_of, failures=failures, executor=executor))
     notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
     table = SweepTable(grid, batch.session_names(sources))
-    for outcome in outcomes_of(runs, failures, workers, on_progress):
+    for outcome in outcomes_of(runs, failures, executor, on_progress):
         table.add(outcome)
     return Sweep(grid, table.columns(), table.ranking(), failures, tuple(sources), len(runs), table.cached)
 

@@ -7,11 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from distributed import Client
 
+import fieldkit
+from fieldkit.results.report import ReportOptions
+from fieldkit.results.sweep import sweep
 from tests.harness.command_line import program
 from tests.harness.two_sessions import copy_of_both
 from tests.harness.waiting import PATIENCE_S, wait_until
@@ -140,6 +145,52 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings
     finished(sweep)
     assert entries(tmp_path / "cache") == ENTRIES
     assert (tmp_path / "remote.csv").read_bytes() == undisturbed
+
+
+class KillingExecutor(Executor):
+    """An executor that kills a worker of its cluster when its first piece of work is done."""
+
+    def __init__(self, executor: Executor, worker: subprocess.Popen[str]) -> None:
+        self._executor, self._worker = executor, worker
+
+    def submit(self, fn, /, *arguments, **options):
+        future = self._executor.submit(fn, *arguments, **options)
+        future.add_done_callback(lambda _: self._worker.send_signal(signal.SIGKILL))
+        return future
+
+
+def test_everything_comes_from_an_executor_of_a_cluster_as_from_here(
+    cluster, recordings, tmp_path, monkeypatch
+):
+    """One of two workers is killed after the first piece; the cache here is another for each side."""
+    address, workers = cluster
+    paths = sorted(recordings.glob("*.h5"))
+
+    def everything(name: str, executor: Executor | None) -> dict[str, object]:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / name))
+        by = {"executor": executor}
+        folder, full = tmp_path / name, {"estimator.model": "full"}
+        grid, options = {"albedo": [0.2, 0.3], "estimator.model": ["full"]}, ReportOptions(settings=full)
+        written = [
+            fieldkit.estimate(paths, full, **by).write(folder / "slopes")[0],
+            sweep(paths, grid, **by).write(folder / "sweep")[0],
+            fieldkit.report(paths, folder / "all.html", options, **by).path,
+            *fieldkit.export(paths, "csv", folder / "tables", **by)[paths[0]].files,
+        ]
+        maps = fieldkit.slope_map(paths, settings=full, **by)
+        checks = fieldkit.check(paths, estimates=False, **by)
+        one = fieldkit.estimate(paths[0], full, **by)
+        return {
+            "files": [path.read_bytes() for path in written],
+            "maps": [session_map.slopes.tilt_deg.tobytes() for session_map in maps.values()],
+            "checks": [checked.findings for checked in checks.values()],
+            "one": one.rows.tobytes(),
+        }
+
+    with Client(address, set_as_default=False) as client:
+        remote = everything("remote", KillingExecutor(client.get_executor(), workers[0]))
+    assert workers[0].wait() == -signal.SIGKILL
+    assert remote == everything("here", None)
 
 
 @pytest.mark.slow  # of several processes: tests/unit/cli/test_map.py; of a cluster: the sweep above

@@ -29,7 +29,7 @@ AUGUST = ["--on", "2017-08-30", "--facet", "10,180", "--facet", "20,180"]
 def one_prediction(monkeypatch):
     """The day's table in no time: predictions are run in tests/unit/recording/test_experiments.py."""
 
-    def two(runs, workers, on_run):
+    def two(runs, executor, on_run):
         session, facets = runs[0].session, len(runs[0].session.facets)
         for _ in runs:
             on_run()
