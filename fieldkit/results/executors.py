@@ -68,7 +68,9 @@ def results(executor: Executor | None, pieces: Iterable[tuple[Note, Work]]) -> I
         except BrokenProcessPool:
             submit((note, work))
             continue
-        except ImportError as error:
+        except (ImportError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and "deserialization" not in str(error):  # of Dask's scheduler
+                raise
             fix = f"install {DISTRIBUTION} {__version__} and the same libraries in the workers' environment"
             raise OtherVersionError(f"a worker cannot import fieldkit: {error}", fix=fix) from error
         if isinstance(result, OtherVersionError):

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,12 +18,7 @@ from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, me
 from fieldkit.model.installation import install_extra
 from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.sessions.analysis import as_frame, region_series, stream_columns
-from fieldkit.sessions.chunks import corners, pack
-from fieldkit.sessions.entry_rows import event_columns
-from fieldkit.sessions.file_tree import put_rows
-from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.reader import SessionReader
-from fieldkit.sessions.stream_reader import StreamReader
 
 _NUMBER = "%.12g"
 """Twelve digits are more than any sensor has, and leave out what binary fractions add: 280.55."""
@@ -168,115 +162,6 @@ def _events(session: SessionReader) -> Columns:
         "label": _texts(str(event.data.get("label", "")) for event in events),
         "end": _times(event.data.get("end_ns", _NOT_A_TIME_NS) for event in events),
     }
-
-
-# --- streams as netCDF files of their own, for programs that do not look into groups
-
-# A session is a netCDF-4 file already; here each group becomes the root of a file, its flags verified.
-_SCALE_MARKS = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
-_PLAIN_KINDS = "biufSU"  # references, among others, mean nothing in another file
-
-
-def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
-    """One ``.nc`` for each stream and table, times and marks as corrected since.
-
-    The flags are verified: a sample that does not match its checksum is flagged. Frames that cannot be
-    read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
-    cannot be read or leads out of the session's file.
-    """
-    groups = (*session.streams, *session.tables)
-    return all_but_unreadable(
-        (name, partial(_netcdf, session, name, folder / f"{session.path.stem}-{name}.nc")) for name in groups
-    )
-
-
-def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
-    source = session.group(name)
-    datasets = session.datasets(name)
-    with (
-        replacing(path, synced=False) as draft,
-        (guarded := GuardedFile(draft, "w", track_order=True)) as file,
-    ):
-        _copy_attributes(source.file, file)
-        _copy_attributes(source, file)
-        for own, dataset in datasets.items():
-            _copy(dataset, file, own, guarded.check)
-        for own, dataset in datasets.items():
-            _attach(dataset, file, own)
-        if name in session.streams:
-            _verify(session.stream(name), file)
-        if session.time_map() or session.has_corrected_marks:
-            _correct(session, name, file)
-    return path
-
-
-def _correct(session: SessionReader, name: str, file: h5py.File) -> None:
-    """Times as the active time map corrects them, and events as they are now."""
-    if name == "events":
-        put_rows(file, event_columns(session.events()))
-        return
-    is_stream = name in session.streams
-    times = {"time_ns": session.times_ns(name)} if is_stream else session.timed_table(name)
-    for column in ("time", "window_start"):
-        if column in file:
-            file[column][:] = times[f"{column}_ns"] // 1000
-
-
-def _verify(reader: StreamReader, file: h5py.File) -> None:
-    """Verified flags in place of those stored, and chunks that cannot be read replaced by the fill value."""
-    file["flags"][:] = reader.flags()
-    rows = np.array(sorted(reader.damaged), np.int64)
-    for frames in reader.frame_datasets:
-        copy = file[frames.name.rsplit("/", 1)[1]]
-        depth = copy.chunks[0]
-        missing = pack(np.full(copy.chunks, copy.fillvalue, np.uint16))
-        for first in np.unique(rows // depth * depth).tolist():
-            for y, x in corners(copy):
-                try:
-                    copy[first, y, x]
-                except (OSError, RuntimeError):
-                    copy.id.write_direct_chunk((first, y, x), missing)
-
-
-def _copy(dataset: h5py.Dataset, file: h5py.File, name: str, check: Callable[[], None]) -> None:
-    """The dataset under its own name: its chunks as they are, its attributes but for the scales'.
-
-    Chunk by chunk: what the disk does not take stays in memory, so `check` is called in between.
-    """
-    if dataset.chunks:
-        kind = dataset.id.get_type(), dataset.id.get_space(), dataset.id.get_create_plist()
-        copy, places = h5py.h5d.create(file.id, name.encode(), *kind), list[tuple[int, ...]]()
-        dataset.id.chunk_iter(lambda chunk: places.append(chunk.chunk_offset))
-        for place in places:
-            skipped_filters, data = dataset.id.read_direct_chunk(place)
-            copy.write_direct_chunk(place, data, skipped_filters)
-            check()
-    else:
-        dataset.file.copy(dataset, file, name, without_attrs=True)
-    _copy_attributes(dataset, file[name])
-    if dataset.is_scale:
-        file[name].make_scale(name)
-
-
-def _copy_attributes(source: h5py.Group | h5py.Dataset, target: h5py.Group | h5py.Dataset) -> None:
-    for key, value in source.attrs.items():
-        if key not in _SCALE_MARKS and np.asarray(value).dtype.kind in _PLAIN_KINDS:
-            # with its type, which marks text as UTF-8
-            target.attrs.create(key, value, dtype=source.attrs.get_id(key).dtype)
-
-
-def _attach(dataset: h5py.Dataset, file: h5py.File, name: str) -> None:
-    """The scales of a dataset's axes that lie in the same group."""
-    if dataset.is_scale:
-        return
-    for axis, scales in enumerate(dataset.dims):
-        for scale in scales.values():
-            own = str(scale.name).rsplit("/", 1)[-1]
-            if own in file:
-                file[name].dims[axis].attach_scale(file[own])
-
-
-# --- both
 
 
 def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[Path]:

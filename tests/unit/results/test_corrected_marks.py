@@ -116,8 +116,8 @@ def test_exports_have_the_marks_as_corrected(path, tmp_path):
         session.export("netcdf", tmp_path / "out")
         table = next(iter(session.export("csv", tmp_path / "out").files))
         assert {*texts(session)} == {"wind", "gusts"}
-    with h5py.File(tmp_path / "out" / "a-events.nc") as file:
-        assert [text.decode() for text in file["text"][:]][1:] == ["wind", "gusts"]
+    with h5py.File(tmp_path / "out" / "a.nc") as file:
+        assert [text.decode() for text in file["events/text"][:]][1:] == ["wind", "gusts"]
     assert "wolke" not in (table.parent / "a-events.csv").read_text("utf-8")
 
 

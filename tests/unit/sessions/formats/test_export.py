@@ -35,8 +35,9 @@ from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.images_out import export_frame_tables, export_pngs, export_tiffs, export_video
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.mcap_out import export_mcap
+from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.stills import Scale, read_stills
-from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_netcdf, export_parquet
+from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_parquet
 from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import MinuteRecord
@@ -454,14 +455,34 @@ def test_only_frames_between_two_times_are_written_and_all_are_counted(session, 
     assert len(passed) == FRAMES
 
 
-def test_netcdf_files_open_by_themselves(session, tmp_path):
-    names = {path.name for path in export_netcdf(session, tmp_path)}
-    assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
-    with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
-        assert camera["counts"].sizes == {"time": FRAMES, "y": 24, "x": 32}
-        assert camera["counts"].values == pytest.approx(session.kelvin(), abs=1e-9)
-        assert camera.attrs["title"] == HEADER.title
-        assert camera.attrs["session_id"] == session.session_id
+@pytest.mark.parametrize("engine", ["h5netcdf"])  # netcdf4: tests/e2e/test_ecosystem.py
+def test_a_netcdf_file_holds_streams_and_tables_under_their_names(session, tmp_path, engine):
+    (path,) = export_netcdf(session, tmp_path)
+    with xr.open_datatree(path, engine=engine) as tree:
+        assert set(tree.children) == {*session.streams, *session.tables}
+        kelvin = tree["camera"]["brightness_temperature"]
+        assert kelvin.sizes == {"time": FRAMES, "y": 24, "x": 32}
+        assert kelvin.values == pytest.approx(session.kelvin(), abs=1e-9)
+        assert tree["lux"]["illuminance"].values.tolist() == session.readings("lux").values[:, 0].tolist()
+        for name in ("camera", "lux"):  # to the nanosecond
+            assert tree[name]["time"].values.astype(np.int64).tolist() == session.times_ns(name).tolist()
+        assert tree["events"]["time"].values.astype(np.int64).tolist() == [
+            event.time_ns for event in session.events()
+        ]
+        assert tree.attrs["title"] == HEADER.title
+        assert tree.attrs["session_id"] == session.session_id
+        assert tree.attrs["site_latitude_deg"] == HEADER.site.latitude_deg
+
+
+def test_netcdf_of_a_camera_of_another_law_has_kelvin(tmp_path):
+    planck = replace(HEADER.streams[0], law="planck", scale=float("nan"), settings=PLANCK)
+    recorded(tmp_path / "field.h5", replace(HEADER, streams=(planck,)), FRAMES)
+    with open_session(tmp_path / "field.h5") as session:
+        (path,) = export_netcdf(session, tmp_path)
+        with xr.open_dataset(path, group="camera", engine="h5netcdf") as camera:
+            assert "counts" not in camera
+            assert camera["brightness_temperature"].dims == ("time", "y", "x")
+            assert camera["brightness_temperature"].values == pytest.approx(session.kelvin(), abs=1e-4)
 
 
 def messages_of(path: Path) -> dict[str, list[tuple[int, Any]]]:
@@ -534,7 +555,7 @@ def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
     with taught(tmp_path / "field.h5") as session:
         export_netcdf(session, tmp_path)
     for opened in (
-        xr.open_dataset(tmp_path / "field-learnt.nc", engine="h5netcdf"),
+        xr.open_dataset(tmp_path / "field.nc", group="learnt", engine="h5netcdf"),
         xr.open_dataset(tmp_path / "field.h5", group="learnt", engine="h5netcdf"),
     ):
         with opened as found:
@@ -599,5 +620,5 @@ def test_netcdf_has_what_a_newer_version_adds(sealed, tmp_path):
         file["lux/humidity"] = np.full(5, 0.6)
     with open_session(tmp_path / "field.h5") as session:
         export_netcdf(session, tmp_path)
-    with h5py.File(tmp_path / "field-lux.nc") as copy:
-        assert copy["humidity"][:].tolist() == [0.6] * 5
+    with h5py.File(tmp_path / "field.nc") as copy:
+        assert copy["lux/humidity"][:].tolist() == [0.6] * 5
