@@ -218,11 +218,6 @@ class SessionReader:
                 **{name: text(self._file, f"config/{name}") for name in config},
             }
 
-    @property
-    def written_by(self) -> str:
-        """Version of fieldkit that recorded it."""
-        return str(attribute(self._file, "fieldkit_version"))
-
     # --- samples
 
     def count(self, stream: str) -> int:
@@ -501,6 +496,11 @@ class SessionOutline(SessionReader):
     """
 
     _is_outline = True
+
+    @property
+    def written_by(self) -> str:
+        """Version of fieldkit that recorded it."""
+        return str(attribute(self._file, "fieldkit_version"))
 
 
 def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:

@@ -130,7 +130,7 @@ def settings_digest(config_toml: str) -> str:
     return hashlib.sha256(settings.encode()).hexdigest()[:12]
 
 
-def _brief_regions(session: SessionReader) -> list[dict[str, Any]]:
+def _brief_regions(session: SessionOutline) -> list[dict[str, Any]]:
     """The final slope of each target, in the order of the recording."""
     table = session.table("estimates", "region", "state", *_BRIEF_ANGLES)
     has_slope, final = np.isin(table["state"], WITH_SLOPE), dict[bytes, int]()

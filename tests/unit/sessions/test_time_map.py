@@ -22,6 +22,7 @@ from fieldkit.results.export import export
 from fieldkit.results.session import Session, Stream
 from fieldkit.results.session import open_session as open_whole
 from fieldkit.sessions.check import check
+from fieldkit.sessions.digests import object_paths
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.finished_file import add_later_events, apply_time_map, changing_path
 from fieldkit.sessions.formats.exports import EXPORTS
@@ -230,7 +231,9 @@ def contents(path: Path) -> object:
             return pd.read_parquet(path).to_csv()
         case ".nc":
             with h5py.File(path, "r") as file:
-                return {name: file[name][()].tobytes() for name in file if name != "crc32"}
+                paths = object_paths(file)
+                datasets = {path: file[path] for path in paths if isinstance(file[path], h5py.Dataset)}
+                return {path: data[()].tobytes() for path, data in datasets.items() if "crc32" not in path}
         case ".mcap":
             messages = make_reader(BytesIO(path.read_bytes())).iter_messages()
             return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
