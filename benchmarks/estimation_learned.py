@@ -38,7 +38,6 @@ from benchmarks.result import Result
 from benchmarks.sides import seconds
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
@@ -56,10 +55,8 @@ TEN_HOURS, THREE_HOURS, LAST = 600, 180, 20
 
 
 def holds(slope: SlopeEstimate, bed: Bed) -> bool:
-    """Whether the likelihood region's projections contain the bed, on either branch that is reported."""
-    width = slope.azimuth_high_deg - slope.azimuth_low_deg
-    inside = slope.tilt_low_deg <= bed[0] <= slope.tilt_high_deg
-    return bool(inside and (bed[1] - slope.azimuth_low_deg) % 360.0 <= width)
+    """Whether the tilt's interval contains that of the bed; an azimuth has an interval of its own."""
+    return slope.tilt_low_deg <= bed[0] <= slope.tilt_high_deg
 
 
 def without_wind(history: History) -> History:
@@ -197,17 +194,16 @@ def _whole_window(world: World, history: History, model: Any, minutes: int) -> t
 
 def _against_truths(estimates: Sequence[SlopeEstimate], world: World) -> list[Found]:
     truths = {region.name: region for region in world.regions}
-    return [_against(estimate, truths[estimate.region], world.settings) for estimate in estimates]
+    return [_against(estimate, truths[estimate.region]) for estimate in estimates]
 
 
-def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> Found:
+def _against(one: SlopeEstimate, truth: Region) -> Found:
     silent = one.state not in SOLVED
     if np.isnan(one.tilt_deg):
         return Found(float("nan"), float("inf"), float("nan"), silent, False, False, False)
     bed = (truth.tilt_deg, truth.azimuth_deg)
     angle = float(angle_between_deg(normal(one.tilt_deg, one.azimuth_deg), normal(*bed)))
-    is_known = settings.azimuth == "known"
-    inside = one.tilt_low_deg <= bed[0] <= one.tilt_high_deg if is_known else holds(one, bed)
+    inside = holds(one, bed)
     error = bed[0] - one.tilt_deg
     half = one.tilt_high_deg - one.tilt_deg if error > 0.0 else one.tilt_deg - one.tilt_low_deg
     scaled = abs(error) / max(half, 1e-6)

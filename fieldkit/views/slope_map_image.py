@@ -16,7 +16,7 @@ from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.model.arrays import ByteArray, SingleArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.site import Region
-from fieldkit.model.slope import SlopeState
+from fieldkit.model.slope import SlopeState, half_width_deg
 from fieldkit.palettes import Colours
 from fieldkit.physics.facet import normal
 from fieldkit.pixel_axes import BLACK, WHITE, letters, with_axes
@@ -55,7 +55,7 @@ def png(
     `full_deg` is the tilt in full colour, by default that of the map.
     """
     full_deg = full_deg or full_colour_deg(slopes.tilt_deg)
-    under = "   ".join(part for part in (subtitle, tilt_uncertainty(bounds, regions)) if part)
+    under = "   ".join(filter(None, (subtitle, tilt_uncertainty(slopes.tilt_deg, bounds, regions))))
     rgb, panel = map_colours(slopes, full_deg), legend(slopes, full_deg)
     return png_file(_page(rgb, slopes.state, panel, title, under, width, regions))
 
@@ -73,16 +73,16 @@ def _page(
     return add_frame(with_axes(canvas, factor), panel, title, subtitle)
 
 
-def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
+def tilt_uncertainty(tilt_deg: SingleArray, bounds: PixelBounds, regions: Sequence[Region]) -> str:
     """Half the width of a pixel's likelihood region of the tilt: of half and of nine tenths of the pixels.
 
     Of those in the regions, where there are any; empty without a slope.
     """
-    rows, cols = bounds.tilt_low_deg.shape
+    rows, cols = tilt_deg.shape
     inside = np.full((rows, cols), not regions)
     for region in regions:
         inside |= region.mask((rows, cols))
-    half = (bounds.tilt_high_deg - bounds.tilt_low_deg)[inside] / 2.0
+    half = half_width_deg(tilt_deg, bounds.tilt_low_deg, bounds.tilt_high_deg)[inside]
     if not np.isfinite(half).any():
         return ""
     half_deg, most_deg = np.nanpercentile(half, (50, 90))

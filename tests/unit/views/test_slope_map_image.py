@@ -109,12 +109,14 @@ def test_picture_says_tilt_uncertainty_the_pixels_of_the_regions_are():
     inside, everywhere = bounds(), bounds(8.0, 28.0)
     everywhere.tilt_high_deg[region.mask(SHAPE)] = inside.tilt_high_deg[0, 0]
     within, around = (
-        re.findall(r"\+-([\d.]+)", slope_map_image.tilt_uncertainty(everywhere, regions))
+        re.findall(
+            r"\+-([\d.]+)", slope_map_image.tilt_uncertainty(slope_map().tilt_deg, everywhere, regions)
+        )
         for regions in ((region,), ())
     )
     assert within == ["2.0", "2.0"]  # of half of the pixels, of nine in ten
     assert around[0] == "10.0"
-    assert slope_map_image.tilt_uncertainty(bounds(np.nan, np.nan), ()) == ""
+    assert slope_map_image.tilt_uncertainty(slope_map().tilt_deg, bounds(np.nan, np.nan), ()) == ""
 
 
 def test_uncertain_pixels_are_dotted_and_flat_ones_are_not():
