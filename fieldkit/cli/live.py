@@ -33,7 +33,7 @@ def command(png: Path | None, duration_s: float | None, theme: ThemeName, settin
         previewing(config.recordings) as recorder_waits,
         open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments,
     ):
-        if missing := missing_instruments(config, instruments):
+        if missing := missing_instruments(config, instruments.streams):
             common.say(f"not plugged in: {', '.join(missing)}")
         if png is not None:
             write_png(png, config, instruments)

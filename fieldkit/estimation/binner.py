@@ -123,7 +123,8 @@ class Binner:
         events.extend(self._unknown_streams(minute))
         if self._late:
             text = f"{self._late} samples arrived more than 2 s late and were excluded from the estimates"
-            events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
+            late = {"excluded": self._late}
+            events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, "", Severity.WARNING, late))
             self._late = 0
         return entry, tuple(events)
 
@@ -132,18 +133,20 @@ class Binner:
         is_up = bool(entry.sun[2] > 0.0)
         if self._sun_was_up and not is_up and minute.columns.size:
             text = "the sun is down: keep recording for an hour, the cooling gives inertia and offsets"
-            yield Event(EventKind.ESTIMATOR, *end_of(minute), text)
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, data={"sunset": 1})
         self._sun_was_up = is_up
 
     def _unknown_streams(self, minute: OpenBin) -> Iterator[Event]:
         """Once for each stream that is not used because what it measures is unknown, or that is not there."""
         for name in self._unreported:
             text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
-            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
+            unused = {"unused": name}
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING, unused)
         self._unreported = ()
         for name in self._absent:
             text = f"probes of regions: there is no stream {name}, so they have no temperature"
-            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING)
+            absent = {"absent": name}
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, "", Severity.WARNING, absent)
         self._absent = ()
 
     def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:

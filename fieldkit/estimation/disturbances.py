@@ -148,7 +148,8 @@ class DisturbanceMonitor:
             return
         off_k, is_clouded = jump.found - jump.expected, bool(entry.flags & Quality.CLOUD)
         why = ", and so does the light" if is_clouded else " in steady light: wind, shade or a drift"
-        self._report(f"the reference's temperature deviates from its trend by {off_k:+.1f} K{why}")
+        text = f"the reference's temperature deviates from its trend by {off_k:+.1f} K{why}"
+        self._report(text, reference_k=round(float(off_k), 2))
 
     def _shades(self, entry: MinuteBin, reference_k: float, below: set[int], *, is_last: bool) -> MinuteBin:
         # a ridge's shadow is known already, and no board

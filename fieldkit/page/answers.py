@@ -17,7 +17,7 @@ from fieldkit.calibrate.horizon import set_skyline
 from fieldkit.config import Config, edit
 from fieldkit.estimation.region_check import CameraView, check_region
 from fieldkit.model.durations import parse_duration, parse_time_of_day
-from fieldkit.model.errors import FieldkitError, RefusedError
+from fieldkit.model.errors import FieldkitError
 from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Event, Severity
 from fieldkit.model.site import Region
@@ -26,7 +26,8 @@ from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
-from fieldkit.page.outgoing import in_words
+from fieldkit.page.outgoing import without_commands
+from fieldkit.page.phrases import PageError
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
@@ -44,7 +45,7 @@ from fieldkit.recording.suggesting import suggestions_in
 from fieldkit.results.json_document import attributes
 from fieldkit.results.marks import every_mark, replacement, withdrawal
 from fieldkit.sessions.reader import open_session
-from fieldkit.views import formatting, frame_image
+from fieldkit.views import frame_image
 
 log: logging.Logger = logging.getLogger(__name__)
 ANSWERS_WITHIN_S = 5.0
@@ -56,11 +57,16 @@ T = TypeVar("T")
 
 
 class Done(NamedTuple):
-    """Result of a request: words, data, and whether it went well; what to do next if not."""
+    """Result of a request, and whether it went well: the key of a text with data, or the recorder's event.
 
-    text: str = ""
+    An error of another part of the program has a text of its own instead, with what to do next.
+    """
+
+    key: str = ""
     data: Any = None
     ok: bool = True
+    event: Document | None = None
+    text: str = ""
     fix: str | None = None
 
     def answer(self, id: int | None) -> Document:
@@ -70,8 +76,10 @@ class Done(NamedTuple):
 
 def failure(id: int | None, error: FieldkitError) -> Document:
     """The answer that explains an error."""
-    fix = in_words(error.fix) if error.fix else None
-    return Done(in_words(error.explanation), ok=False, fix=fix).answer(id)
+    if isinstance(error, PageError):
+        return Done(error.key, error.values, ok=False).answer(id)
+    text, fix = without_commands(error)
+    return Done(ok=False, text=text, fix=fix).answer(id)
 
 
 @dataclass
@@ -89,7 +97,7 @@ class Answers:
         """Do what is asked and answer; an error becomes an answer."""
         try:
             if viewer.role != "control" and not isinstance(request, requests.FOR_ANYONE):
-                raise RefusedError("this link may only look", fix="open the page by a control link")
+                raise PageError("view_only")
             return (await self._carry_out(viewer, request)).answer(request.id)
         except FieldkitError as error:
             return failure(request.id, error)
@@ -106,8 +114,8 @@ class Answers:
             case requests.Sessions():
                 return Done(data=await self._query(self.past.rows, viewer.role))
             case requests.CheckSession():
-                ok, text = await self.past.check(request.session)
-                return Done(text, ok=ok)
+                ok, findings = await self.past.check(request.session)
+                return Done("check.ok" if ok else "check.findings", findings, ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
@@ -130,7 +138,7 @@ class Answers:
                 return Done(data=await asyncio.to_thread(self._suggestions, request))
             case requests.Link():
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
-                return Done(f"a link that works once, to {request.role}", {"key": key})
+                return Done("done.link", {"key": key})
             case _:
                 return await self._redraw(request)
 
@@ -145,12 +153,11 @@ class Answers:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
             if path is None:
-                return Done("called off: nothing was recorded")
+                return Done("done.called_off")
             report = f"/session/{identifier(path)}/report"
-            sealed = {"session": path.stem, "report_url": report}
-            return Done(f"sealed {path.stem}", sealed)
+            return Done("done.sealed", {"session": path.stem, "report_url": report})
         session = self.conductor.start(record_options(request))
-        return Done(f"recording {session.stem}", {"session": session.stem})
+        return Done("done.started", {"session": session.stem})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
         log.warning(silent.at(self.config.site))
@@ -178,12 +185,12 @@ class Answers:
         if request.session is None:
             return await self._by_recorder(send_to_recorder, path.parent, correction)
         await asyncio.to_thread(correct_mark, path, lambda session: correction)
-        return Done(f"mark {request.mark} is now: {correction.text}")
+        key = "done.taken_back" if correction.takes_back else "done.mark"
+        return Done(key, {"mark": request.mark, "text": correction.text})
 
     def _acknowledge(self, alarm: str) -> SentRequest:
-        if alarm not in (present := [alarm.id for alarm in self.hub.latest.alarms]):
-            fix = f"choose one that is present: {', '.join(present) or 'none'}"
-            raise RefusedError("there is no such alarm, or it is over", place=repr(alarm), fix=fix)
+        if alarm not in [present.id for present in self.hub.latest.alarms]:
+            raise PageError("no_alarm")
         return send_to_recorder(self.config.recordings, Acknowledgement(alarm))
 
     async def _by_recorder(self, send: Callable[..., SentRequest], *arguments: Any) -> Done:
@@ -197,10 +204,8 @@ class Answers:
             async with asyncio.timeout(ANSWERS_WITHIN_S):
                 event = await events.about(request.id)
         except TimeoutError:
-            raise RefusedError(
-                f"the recorder has not answered within {ANSWERS_WITHIN_S:.0f} s", fix="look at the events"
-            ) from None
-        return Done(formatting.event_text(event), ok=event.severity is Severity.INFO)
+            raise PageError("silent", seconds=f"{ANSWERS_WITHIN_S:.0f}") from None
+        return Done(ok=event.severity is Severity.INFO, event=outgoing.event(event))
 
     @contextmanager
     def _listening(self) -> Iterator[_Events]:
@@ -239,10 +244,7 @@ class Answers:
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
         view, present = self._drawn_on(request.session)
         if view is None or view.frame is None:
-            raise RefusedError(
-                "there is no frame with known temperatures",
-                fix="wait for one, or draw the regions",
-            )
+            raise PageError("no_temperatures")
         return [suggestion.document() for suggestion in suggestions_in(view.frame, present, view.noise_k)]
 
     def _drawn_on(self, session: str | None) -> tuple[CameraView | None, Sequence[Region]]:
@@ -267,12 +269,12 @@ class Answers:
 
         What they lack together, such as a reference, may come with the next change.
         """
-        words, change = _change(request)
+        key, name, change = _change(request)
         with self._listening() as events:
             _, request_sent = await asyncio.to_thread(change_regions, self.config.path, change)
             missing = await asyncio.to_thread(self._reread)
             if request_sent is None:
-                return Done("; ".join([words, *missing]))
+                return Done(key, {"name": name, "missing": "; ".join(missing)})
             return await self._await_stored(request_sent, events)
 
     def _reread(self) -> list[str]:
@@ -286,18 +288,14 @@ class Answers:
     def _set_skyline(self, request: requests.Skyline) -> Done:
         """Make a skyline the site's horizon; a recording keeps the one it began with."""
         if is_recorder_present(self.config.recordings):
-            raise RefusedError(
-                "a recording keeps the horizon it began with", fix="draw the skyline before or after it"
-            )
+            raise PageError("horizon_kept")
         frame = self.hub.latest.frame
         if frame is None:
-            raise RefusedError(
-                "no frame has been received yet", fix="wait for the first frame, then draw the skyline"
-            )
+            raise PageError("no_frame")
         shape = frame.counts.shape
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
-        highest = max(elevation for _, elevation in horizon)
-        return Done("; ".join([f"the horizon is the skyline, up to {highest:.1f}°", *self._reread()]))
+        highest = f"{max(elevation for _, elevation in horizon):.1f}"
+        return Done("done.skyline", {"highest": highest, "missing": "; ".join(self._reread())})
 
 
 class _Events:
@@ -321,16 +319,15 @@ class _Events:
         return self._by_request[request]
 
 
-def _change(request: requests.Redrawing) -> tuple[str, Callable[[edit.Draft], Any]]:
-    """A change of ``fieldkit.toml``, in words and as a function."""
+def _change(request: requests.Redrawing) -> tuple[str, str, Callable[[edit.Draft], Any]]:
+    """A change of ``fieldkit.toml``: the key of its text, the region, and the function that makes it."""
     match request:
         case requests.AddRegion(region=drawn):
-            return f"added {drawn.name}", lambda draft: edit.add_region(draft, _table(drawn))
+            return "done.added", drawn.name, lambda draft: edit.add_region(draft, _table(drawn))
         case requests.RemoveRegion(name=name):
-            return f"removed {name}", lambda draft: edit.remove_region(draft, name)
+            return "done.removed", name, lambda draft: edit.remove_region(draft, name)
         case requests.EditRegion(name=name, region=drawn):
-            words = f"changed {name}" if name == drawn.name else f"{name} is now {drawn.name}"
-            return words, lambda draft: edit.change_region(draft, name, _table(drawn))
+            return "done.changed", drawn.name, lambda draft: edit.change_region(draft, name, _table(drawn))
 
 
 def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> Mark:

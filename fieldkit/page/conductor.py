@@ -20,15 +20,15 @@ from fieldkit.model.errors import (
     FieldkitError,
     RefusedError,
     StorageError,
-    message_of,
 )
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.page.hub import Hub
-from fieldkit.page.outgoing import in_words
+from fieldkit.page.outgoing import without_commands
+from fieldkit.page.phrases import PageError
 from fieldkit.recording.background import BackgroundRecording, RecordOptions
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
-from fieldkit.recording.preview import LivePreview, missing_instruments
+from fieldkit.recording.preview import LivePreview
 from fieldkit.recording.regions import read_regions
 from fieldkit.recording.running import (
     LOOK_EVERY_S,
@@ -70,9 +70,9 @@ class Conductor:
         while not self._ending.wait(LOOK_EVERY_S):
             try:
                 self._next()
-            except Exception as error:  # the page must outlive whatever instruments and files do
+            except Exception:  # the page must outlive whatever instruments and files do
                 log.exception("the page lost what it showed")
-                self.hub.become(phase="no-instruments", session=None, problem=message_of(error))
+                self.hub.become(phase="no-instruments", session=None, problem="failed")
                 self._ending.wait(TRY_AGAIN_S)
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ class Conductor:
         options = options.model_copy(update={"settings": self.settings})
         with self._starting:
             if self._is_starting() or is_recorder_present(self.config.recordings):
-                raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
+                raise PageError("recording")
             self._forget_child()
             child = BackgroundRecording(self.config.directory, options)
             self._child = child
@@ -146,7 +146,7 @@ class Conductor:
         self.hub.become(phase="recording", session=session.stem, ours=ours, problem=None)
         reader = self._connect(session)
         if reader is None:
-            self.hub.become(problem="its recorder shows nothing: its feed failed")
+            self.hub.become(problem="no_feed")
         else:
             self._show_recording(reader)
         while session_in_progress(self.config.recordings) == session and not self._ending.wait(LOOK_EVERY_S):
@@ -196,8 +196,6 @@ class Conductor:
                 previewing(self.config.recordings) as recorder_waits,
                 open_instruments(self.config, allow_missing=True) as instruments,
             ):
-                if missing := missing_instruments(self.config, instruments):
-                    problems.append(f"not plugged in: {', '.join(missing)}")
                 self.hub.begin(Latest(self.config.site, self.config.regions, instruments.streams))
                 phase = "preview" if instruments.devices else "no-instruments"
                 self.hub.become(phase=phase, session=None, problem="; ".join(problems) or None)
@@ -206,7 +204,7 @@ class Conductor:
                 )
                 self._preview.run(None, lambda: self._ending.is_set() or recorder_waits())
         except (ConfigError, DeviceError, RefusedError, StorageError, OSError) as error:
-            words = in_words(error.line) if isinstance(error, FieldkitError) else str(error)
+            words = without_commands(error)[0] if isinstance(error, FieldkitError) else str(error)
             self.hub.become(phase="no-instruments", session=None, problem=words)
             self._ending.wait(TRY_AGAIN_S)
         finally:

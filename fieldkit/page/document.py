@@ -5,11 +5,15 @@ from __future__ import annotations
 import base64
 import functools
 import json
+import re
+from html import escape
 from importlib import resources
 
+from fieldkit.page.phrases import ENGLISH, LANGUAGES, phrases
 from fieldkit.palettes import STOPS, palette
 
 SCRIPTS = (
+    "phrases.js",
     "dom.js",
     "socket.js",
     "units.js",
@@ -26,27 +30,43 @@ SCRIPTS = (
     "past.js",
     "sessions.js",
     "compare.js",
+    "appearance.js",
     "start.js",
 )
 """The parts of the script, in the order in which they run."""
+_SLOT = re.compile(r"\{\{([\w.-]+)\}\}")
 
 
-def document(nonce: str) -> str:
-    """The document for one answer; `nonce` is what its content security policy names.
+def document(nonce: str, language: str = ENGLISH) -> str:
+    """The document for one answer, in one of the `LANGUAGES`; `nonce` is what its security policy names.
 
     The nonce must consist of letters, digits, ``-`` and ``_``, and must not be used twice.
     """
-    return _document().replace("{{nonce}}", nonce)
+    return _document(language).replace("{{nonce}}", nonce)
 
 
 @functools.cache
-def _document() -> str:
+def _document(language: str) -> str:
     """The document but for its nonce."""
-    script = "\n".join(_part(name) for name in SCRIPTS)
-    colours = base64.b64encode(palette().tobytes()).decode()
-    page = _part("page.html").replace("{{style}}", _part("page.css")).replace("{{script}}", script)
-    return page.replace("{{inferno}}", colours).replace("{{palettes}}", json.dumps(STOPS))
+    texts = phrases(language)
+    languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
+    slots = {"texts": _json(texts), "palettes": _json(STOPS), "languages": _json(languages)}
+    slots["inferno"] = base64.b64encode(palette().tobytes()).decode()
+    script = _fill("\n".join(map(_part, SCRIPTS)), slots)
+    page = {"nonce": "{{nonce}}", "style": _part("page.css"), "script": script}
+    return _fill(_part("page.html"), {key: escape(text) for key, text in texts.items()} | page)
+
+
+def _json(value: dict[str, str]) -> str:
+    """A value for the script, which no text in it can end."""
+    return json.dumps(value, ensure_ascii=False).replace("<", "\\u003c")
+
+
+def _fill(text: str, slots: dict[str, str]) -> str:
+    return _SLOT.sub(lambda slot: slots[slot[1]], text)
 
 
 def _part(name: str) -> str:
-    return (resources.files("fieldkit.page") / "browser" / name).read_text(encoding="utf-8").rstrip("\n")
+    """A part without its lines of comment and its indentation, which no browser needs."""
+    text = (resources.files("fieldkit.page") / "browser" / name).read_text(encoding="utf-8")
+    return "\n".join(line.strip() for line in text.splitlines() if not line.lstrip().startswith(("//", "/*")))

@@ -28,6 +28,7 @@ from fieldkit.page.pictures import Mode, picture
 from fieldkit.page.viewer import Role, Viewer
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.recording.preflight import sampling_of
+from fieldkit.recording.preview import missing_instruments
 from fieldkit.results.json_document import attributes, plain_json
 from fieldkit.sessions.layout import MAX_REGIONS
 from fieldkit.views import frame_image
@@ -152,7 +153,7 @@ class Hub:
             others = [other for other in self.viewers if other.role == "view"]
             if viewer.role == "view" or not others:
                 return False
-            self.leave(others[0], "somebody who controls the recording needs its place")
+            self.leave(others[0], "displaced")
         self.viewers.append(viewer)
         for document in (self._hello(viewer.role), self._state(), *self._so_far()):
             viewer.text(plain_json(document))
@@ -162,7 +163,7 @@ class Hub:
         """Remove a viewer."""
         if viewer in self.viewers:
             self.viewers.remove(viewer)
-        viewer.leave(reason or "it has left")
+        viewer.leave(reason or "left")
 
     def set_mode(self, viewer: Viewer, mode: Mode) -> None:
         """Send a viewer pictures of this kind, the last one at once."""
@@ -173,7 +174,7 @@ class Hub:
 
     def _end_sessions(self) -> None:
         for viewer in [viewer for viewer in self.viewers if time.time() > viewer.ends_at]:
-            self.leave(viewer, "its session has ended")
+            self.leave(viewer, "ended")
 
     def _send_all(self, text: str) -> None:
         for viewer in self.viewers:
@@ -191,7 +192,7 @@ class Hub:
         name = config.tables.campaign.title or config.directory.name
         place = {"latitude": site.latitude_deg, "longitude": site.longitude_deg, "zone": site.timezone}
         about = {"type": "hello", "role": role, "version": __version__, "campaign": name}
-        return {**about, "site": {"name": name, **place}, "limits": {"viewers": MAX_VIEWERS}}
+        return {**about, "site": {"name": name, **place}, "simulated": config.tables.simulation is not None}
 
     def _state(self) -> dict[str, Any]:
         state = self.state
@@ -204,8 +205,9 @@ class Hub:
     def _so_far(self) -> list[dict[str, Any]]:
         latest = self.latest
         every_s = sampling_of(self.config).every_s if self.state.phase == "recording" else None
+        streams = tuple(latest.streams.values())
         messages = [
-            outgoing.streams(tuple(latest.streams.values()), every_s),
+            outgoing.streams(streams, every_s, missing_instruments(self.config, streams)),
             outgoing.regions(latest.regions),
         ]
         if latest.minute is not None:

@@ -6,6 +6,7 @@ Times are UTC milliseconds (`time_ms`), temperatures °C, unknown numbers null.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,8 +15,9 @@ from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import FieldkitError
 from fieldkit.model.next_step import Argument, Sentence, Step, Text
-from fieldkit.model.samples import Event, StreamHealth
+from fieldkit.model.samples import Event, Quality, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -24,6 +26,16 @@ from fieldkit.views import formatting
 from fieldkit.views.latest import Latest, Trend
 
 Document = dict[str, Any]
+
+
+_KEYS = re.compile(r"(?:--[\w-]+|\w+\[\d+\](?:\.\w+)*): ")
+_COMMANDS = re.compile(r"--\w|\bfieldkit\b|\.toml\b")
+
+
+def without_commands(error: FieldkitError) -> tuple[str, str | None]:
+    """What happened and what to do next, without the options, keys and commands that a browser has not."""
+    fix = error.fix if isinstance(error.fix, str) and not _COMMANDS.search(error.fix) else None
+    return _KEYS.sub("", in_words(error.explanation)), fix
 
 
 def in_words(text: Text) -> str:
@@ -38,9 +50,12 @@ def in_words(text: Text) -> str:
     return str(text)
 
 
-def streams(infos: Sequence[StreamInfo], frames_every_s: float | None = None) -> Document:
-    """The instruments; `frames_every_s` where a recording keeps bursts of frames only."""
-    return {"type": "streams", "streams": [_stream(info, frames_every_s) for info in infos]}
+def streams(
+    infos: Sequence[StreamInfo], frames_every_s: float | None = None, missing: Sequence[str] = ()
+) -> Document:
+    """The instruments, and the names of `missing` ones; `frames_every_s` where only bursts are kept."""
+    rows = [_stream(info, frames_every_s) for info in infos]
+    return {"type": "streams", "streams": rows, "missing": missing}
 
 
 def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
@@ -64,6 +79,7 @@ def minute(closed: Minute) -> Document:
     return {
         "type": "minute",
         "time_ms": ms(closed.time_ns),
+        "cloudy": Quality.CLOUD in closed.flags,
         "irradiance": {"dni_w_m2": closed.dni_w_m2, "model": closed.irradiance_model},
         "sun": {"zenith_deg": closed.sun_zenith_deg, "azimuth_deg": closed.sun_azimuth_deg},
         "contact_c": [celsius(kelvin) for kelvin in closed.contact_k],
@@ -71,54 +87,46 @@ def minute(closed: Minute) -> Document:
     }
 
 
-def _measurements(closed: Minute, name: str, slope: SlopeEstimate | None) -> Document:
+def _measurements(closed: Minute, name: str, estimate: SlopeEstimate | None) -> Document:
     temperature = {"temperature_c": celsius(closed.temperature_k.get(name, math.nan))}
-    if slope is None:
-        return {**temperature, "state": "reference", "words": "", "reason": ""}
-    angles = {key: getattr(slope, key) for key in SLOPE_FIELDS}
-    state = {"state": slope.state.name.lower(), "reason": slope.reason}
-    return temperature | state | _slope_words(slope) | angles
-
-
-def _slope_words(slope: SlopeEstimate) -> Document:
-    words = {"words": formatting.state, "tilt": formatting.tilt, "azimuth": formatting.azimuth}
-    return {key: text(slope) for key, text in words.items()}
+    if estimate is None:
+        return {**temperature, "state": "reference"}
+    return temperature | slope(estimate) | {"shaded": Quality.SHADED in estimate.flags}
 
 
 def history(trend: Trend) -> Document:
-    """Temperature and tilt of every region in every minute so far."""
-    names = trend.temperature_k.keys() | trend.tilt_deg.keys()
-    unknown = [math.nan] * len(trend.times_ns)
-    return {
-        "type": "history",
-        "minutes": [ms(time_ns) for time_ns in trend.times_ns],
-        "regions": {
-            name: {
-                "temperature_c": [celsius(kelvin) for kelvin in trend.temperature_k.get(name, unknown)],
-                "tilt_deg": trend.tilt_deg.get(name, unknown),
-            }
-            for name in sorted(names)
-        },
-    }
+    """Temperature and tilt of every region in every minute so far, with clouds and shade."""
+    regions: Document = {}
+    for key, column in trend.columns.items():
+        for name in sorted(column):
+            values = column[name]
+            is_kelvin = key == "temperature_k"
+            pair = ("temperature_c", list(map(celsius, values))) if is_kelvin else (key, values)
+            regions.setdefault(name, {}).update([pair])
+    minutes = [ms(time_ns) for time_ns in trend.times_ns]
+    return {"type": "history", "minutes": minutes, "cloudy": trend.cloudy, "regions": regions}
 
 
 def event(happened: Event) -> Document:
-    """One event."""
+    """One event: its words follow from kind and data; `text` is what the session keeps."""
     levels = {"kind": happened.kind.name.lower(), "severity": happened.severity.name.lower()}
-    text = {"text": formatting.event_text(happened), "stream": happened.stream}
-    return {"type": "event", "time_ms": ms(happened.time_ns), **levels, **text}
+    about = attributes(happened, "text", "stream", "data")
+    return {"type": "event", "time_ms": ms(happened.time_ns), **levels, **about}
 
 
 def mark(number: int, event: Event, *, counts: bool) -> Document:
     """A mark of a session; `counts` is false if it was taken back."""
     texts = {"kind": str(event.data.get("label", "")), "text": event.text}
-    words = formatting.event_text(event)
-    return {"mark": number, "time_ms": ms(event.time_ns), **texts, "words": words, "counts": counts}
+    times = {"time_ms": ms(event.time_ns), "end_ms": ms(int(event.data.get("end_ns", event.time_ns)))}
+    return {"mark": number, **times, **texts, "counts": counts}
 
 
 def slope(estimated: SlopeEstimate) -> Document:
-    """A slope in words."""
-    return {"region": estimated.region, **_slope_words(estimated)}
+    """A slope."""
+    angles = {key: getattr(estimated, key) for key in SLOPE_FIELDS}
+    state = {"region": estimated.region, "state": estimated.state.name.lower()}
+    ranges = {"tilt": formatting.tilt(estimated), "azimuth": formatting.azimuth(estimated)}
+    return state | ranges | angles
 
 
 def alarms(present: Sequence[Alarm]) -> Document:

@@ -20,7 +20,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from fieldkit.config.toml_schema import RegionOutline
-from fieldkit.model.errors import FieldkitError
+from fieldkit.page.phrases import PageError
 from fieldkit.page.pictures import Mode
 
 MAX_BYTES = 16_384
@@ -29,18 +29,15 @@ MAX_BYTES = 16_384
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 """Half of a letter beyond 16 bits, as JSON writes it: alone it makes a message invalid."""
-_NOT_TEXT = "has a character that is not text"
 _ID = re.compile(r'"id"\s*:\s*(\d{1,16})\b')
 
-
-_RELOAD = "reload the page: it may be of another version"
-FIXES = {"empty": "fill it in", "too_long": "shorten it", "not_text": "type it anew"}
-"""What to do about what a person typed; other mistakes are of a page of another version."""
+TYPED = ("empty", "too_long", "not_text")
+"""Mistakes of what a person typed, as keys of their texts; others are of a page of another version."""
 
 
 def _plain(text: str) -> str:
     if _CONTROL.search(text):
-        raise PydanticCustomError("not_text", _NOT_TEXT)
+        raise PydanticCustomError("not_text", "is not text")
     return text
 
 
@@ -58,14 +55,12 @@ Pixel = Annotated[float, Field(ge=-1, le=65_535, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class BadRequestError(FieldkitError):
-    """A message that is no request; `id` is its number where it has one."""
+class BadRequestError(PageError):
+    """A message that is no request; `id` is its number where it has one, `place` the part that is wrong."""
 
-    def __init__(
-        self, problem: str, id: int | None = None, *, place: str = "the message", fix: str = _RELOAD
-    ) -> None:
-        super().__init__(problem, place=place, fix=fix)
-        self.id = id
+    def __init__(self, key: str, id: int | None = None, place: str = "the message") -> None:
+        super().__init__(key)
+        self.id, self.place = id, place
 
 
 class _Request(BaseModel):
@@ -283,7 +278,7 @@ _adapter: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 def parse(text: str) -> Request:
     """The request in a message; raises `BadRequestError`."""
     if len(text) > MAX_BYTES:
-        raise BadRequestError(f"too long, {len(text)} characters")
+        raise BadRequestError("too_long")
     try:
         return _adapter.validate_json(text)
     except ValidationError as error:
@@ -295,7 +290,5 @@ def _refusal(error: ValidationError, text: str) -> BadRequestError:
     place = ".".join(map(str, first["loc"])) or "the message"
     number = _ID.search(text)  # also of a message that is not JSON: its browser waits for an answer
     id = int(number[1]) if number else None
-    kind, words = first["type"], first["msg"]
-    if kind == "json_invalid" and _HALF.search(text):
-        kind, words = "not_text", _NOT_TEXT
-    return BadRequestError(words, id, place=place, fix=FIXES.get(kind, _RELOAD))
+    kind = "not_text" if first["type"] == "json_invalid" and _HALF.search(text) else first["type"]
+    return BadRequestError(kind if kind in TYPED else "reload", id, place)

@@ -33,16 +33,19 @@ from fieldkit.page.answers import Answers, failure
 from fieldkit.page.checks import CHECKS, Check, Guarded, PromptProtocol, bearer
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.document import document
-from fieldkit.page.hub import MAX_VIEWERS, Hub
+from fieldkit.page.hub import Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
+from fieldkit.page.outgoing import without_commands
+from fieldkit.page.phrases import PageError, phrases, preferred_language
 from fieldkit.page.pictures import still
 from fieldkit.page.service import keep_recording, report_page
-from fieldkit.page.sessions import PastSessions
+from fieldkit.page.sessions import PRODUCTS, PastSessions
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
 from fieldkit.results.json_document import plain_json
 from fieldkit.views.service_manager import notify
 
 log: logging.Logger = logging.getLogger(__name__)
+_Serve = Callable[[Request], Awaitable[Response]]
 
 HEADERS_MAX_BYTES, KEY_MAX_BYTES = 16_384, 1000
 ACKNOWLEDGED_WITHIN_S = 20.0
@@ -59,14 +62,15 @@ WAITING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors
 """Without a sandbox: what a sandboxed page loads again, browsers ask for without the cookie."""
 
 WAITING = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Report of {name}</title>
-<style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; color: #111; overflow-wrap: anywhere;
+<html lang="{language}"><meta charset="utf-8"><meta name="color-scheme" content="light dark">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; overflow-wrap: anywhere;
 font: 17px/1.4 system-ui, sans-serif }}
-progress {{ width: 100%; height: 16px; accent-color: #0a3f7d }}</style>
-<main><h1>Report of {name}</h1>
-<p>It has been in the making for {waited}; it opens here when it is ready.</p>
-<progress aria-label="The report is being made"></progress></main></html>
+progress {{ width: 100%; height: 16px }}</style>
+<main><h1>{title}</h1>
+<p>{text}</p>
+<progress aria-label="{title}"></progress></main></html>
 """
 
 
@@ -102,7 +106,10 @@ class Page:
             Route("/", self.serve_document),
             Route("/role", self.serve_role),
             Route("/key", self.take_key, methods=["POST"]),
-            Route("/session/{session}/report", partial(self._of_session, self.report)),
+            *(
+                Route(f"/session/{{session}}/{kind}", partial(self._of_session, partial(self.product, kind)))
+                for kind in PRODUCTS
+            ),
             Route("/session/{session}/download", partial(self._of_session, self.download)),
             Route("/session/{session}/picture", partial(self._of_session, self.still)),
             Route("/session/{session}/thumbnail", partial(self._of_session, self.thumbnail)),
@@ -136,7 +143,7 @@ class Page:
         """The page itself, which knows nothing without a key; compressed where the browser takes it."""
         nonce = secrets.token_urlsafe(16)
         headers = {"content-security-policy": _policy(nonce)}
-        body = document(nonce).encode()
+        body = document(nonce, _language(request)).encode()
         if "gzip" in request.headers.get("accept-encoding", ""):
             headers["content-encoding"] = "gzip"
             body = gzip.compress(body, compresslevel=5)
@@ -160,7 +167,8 @@ class Page:
         try:
             grant = await asyncio.to_thread(self.keys.exchange, key) if key else None
         except StorageError as error:
-            return JSONResponse({"text": error.message, "fix": str(error.fix)}, 507)
+            log.error("a link was not exchanged: %s", error)
+            return JSONResponse({"key": "refused.storage"}, 507)
         if grant is None:
             return await self._refuse()
         self._wrong_tries = 0
@@ -185,55 +193,57 @@ class Page:
         """A wrong key; after a few of them each takes a second, and many at once are not even tried."""
         self._wrong_tries += 1
         if self._waiting >= WRONG_TRIES_WAITING:
-            return JSONResponse({"text": "too many tries", "fix": "wait a moment"}, 429)
+            return JSONResponse({"key": "refused.too_many"}, 429)
         if self._wrong_tries > WRONG_TRIES_FREE:
             self._waiting += 1
             try:
                 await asyncio.sleep(1.0)
             finally:
                 self._waiting -= 1
-        text = "this link was used already, has expired, or is of another page"
-        return JSONResponse({"text": text, "fix": "make another link where the page is served"}, 403)
+        return JSONResponse({"key": "refused.used"}, 403)
 
     # --- sessions
 
-    async def _of_session(self, serve: Callable[[str], Awaitable[Response]], request: Request) -> Response:
+    async def _of_session(self, serve: _Serve, request: Request) -> Response:
         grant = self.session_of(request)
         if grant is None or grant[0] != "control":
-            return PlainTextResponse("only for those who may control the page", 403)
+            return _explain(PageError("view_only"), request, 403)
         try:
-            return await serve(request.path_params["session"])
+            return await serve(request)
+        except FieldkitError as error:
+            return _explain(error, request, 404)
         except Exception as error:
-            status = 404 if isinstance(error, FieldkitError) else 500
-            return _text(str(_in_words(error, request.url.path)), status)
+            return _explain(_failure(error, request.url.path), request, 500)
 
-    async def report(self, session: str) -> Response:
-        """A session's report; while it is made, a page that asks again."""
-        report = self.past.report(session)
-        if isinstance(report, Path):
-            return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
+    async def product(self, kind: str, request: Request) -> Response:
+        """A session's report, image or film; while it is made, a page that asks again."""
+        session, texts = request.path_params["session"], phrases(_language(request))
+        product = self.past.product(kind, session)
+        if isinstance(product, Path):
+            if kind == "report":
+                return FileResponse(product, headers={"content-security-policy": REPORT_POLICY})
+            return FileResponse(product, filename=_file_name(product))
         headers = {"content-security-policy": WAITING_POLICY}
-        if report.done() and report.result():
-            return _text(report.result(), 500, headers)
-        name = escape(self.past.path(session).stem)
-        waited = f"{self.past.waited_s(session):.0f} s"
-        waiting = WAITING.format(name=name, waited=waited).encode(errors="replace")
+        if product.done() and product.result():
+            return _text(product.result(), 500, headers)
+        title = escape(f"{texts[f'sessions.{kind}']}: {self.past.path(session).stem}")
+        text = texts["page.making"].format(seconds=f"{self.past.waited_s(kind, session):.0f}")
+        waiting = WAITING.format(language=_language(request), title=title, text=text).encode(errors="replace")
         return HTMLResponse(waiting, 202, {**headers, "refresh": "2"})
 
-    async def download(self, session: str) -> Response:
+    async def download(self, request: Request) -> Response:
         """A session's file."""
-        path = self.past.sealed_path(session)
-        name = path.name.encode(errors="replace").decode()
-        return FileResponse(path, media_type="application/x-hdf5", filename=name)
+        path = self.past.sealed_path(request.path_params["session"])
+        return FileResponse(path, media_type="application/x-hdf5", filename=_file_name(path))
 
-    async def still(self, session: str) -> Response:
+    async def still(self, request: Request) -> Response:
         """A frame of a session, to draw on."""
-        kelvin = await asyncio.to_thread(self.past.frame_k, session)
+        kelvin = await asyncio.to_thread(self.past.frame_k, request.path_params["session"])
         return Response(still(kelvin), media_type="application/octet-stream")
 
-    async def thumbnail(self, session: str) -> Response:
+    async def thumbnail(self, request: Request) -> Response:
         """A small image of a session, for the list."""
-        small = await asyncio.to_thread(self.past.thumbnail, session)
+        small = await asyncio.to_thread(self.past.thumbnail, request.path_params["session"])
         return Response(small, media_type="application/octet-stream")
 
     # --- the socket
@@ -251,7 +261,7 @@ class Page:
             if self.hub.join(viewer):
                 await self._serve(socket, viewer)
             else:
-                await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
+                await socket.close(FULL, "full")
         finally:
             self.hub.leave(viewer)
 
@@ -294,7 +304,7 @@ class Page:
         try:
             answered = await self.answers.to(viewer, request)
         except Exception as error:  # the browser waits for an answer, whatever fails
-            answered = failure(request.id, _in_words(error, request.do))
+            answered = failure(request.id, _failure(error, request.do))
         if request.id is not None:
             viewer.text(plain_json(answered))
 
@@ -312,12 +322,27 @@ async def _short_body(request: Request) -> bytes:
     return b""
 
 
-def _in_words(error: Exception, asked: str) -> FieldkitError:
-    """The error of a request in words; an unexpected one is logged."""
-    if isinstance(error, FieldkitError):
-        return error
+def _failure(error: Exception, asked: str) -> PageError:
+    """The error for a browser whose request failed unexpectedly: it is referred to the log."""
     log.error("a request failed: %s", asked, exc_info=error)
-    return FieldkitError(f"the page failed: {error!r}", place=asked, fix="look at its log")
+    return PageError("failed")
+
+
+def _explain(error: FieldkitError, request: Request, status: int) -> Response:
+    """An error in place of a file, in the browser's language where the error is the page's own."""
+    if isinstance(error, PageError):
+        return _text(phrases(_language(request))[error.key].format_map(error.values), status)
+    return _text(without_commands(error)[0], status)
+
+
+def _language(request: Request) -> str:
+    """The language of a browser: the one chosen on the page, or the first that it prefers."""
+    return preferred_language(request.headers.get("accept-language", ""), request.cookies.get("language", ""))
+
+
+def _file_name(path: Path) -> str:
+    """The name of a file, also one that is not UTF-8."""
+    return path.name.encode(errors="replace").decode()
 
 
 def _text(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:

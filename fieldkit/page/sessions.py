@@ -1,8 +1,8 @@
-"""Past sessions for browsers: the list, a check, the report, the file.
+"""Past sessions for browsers: the list, a check, the file, and what is made of it: report, image, time-lapse.
 
 A session is named by an id from the list, which is compared with the list anew; nothing that a browser sends
-ever becomes part of a path. Reports and checks run in processes of their own, one at a time and yielding to
-everything else: a recording that runs must not notice them.
+ever becomes part of a path. Files are made and checked in processes of their own, one at a time and yielding
+to everything else: a recording that runs must not notice them.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from typing import Any
 from fieldkit.config import Config
 from fieldkit.disk import is_regular
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.errors import RefusedError, SessionError
-from fieldkit.model.next_step import Action
+from fieldkit.model.device import find_camera
+from fieldkit.model.errors import RefusedError
 from fieldkit.page import outgoing
+from fieldkit.page.phrases import PageError
 from fieldkit.page.pictures import thumbnail
 from fieldkit.page.viewer import Role
 from fieldkit.recording.background import command_error
@@ -34,7 +35,11 @@ from fieldkit.results.report import default_path
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 
-FILES = ("report", "download", "picture", "thumbnail")
+PRODUCTS = {"report": ".html", "image": ".png", "timelapse": ".mp4"}
+"""Files that are made of a session in the folder of its report: one image of the day, the day as a film."""
+FILES = (*PRODUCTS, "download", "picture", "thumbnail")
+FILM_FRAMES = 300
+"""Frames of a time-lapse, 12 s: a small computer takes about a second for ten."""
 SHOWN = 200
 """The latest sessions of a campaign; more are listed by ``fieldkit ls``."""
 
@@ -53,7 +58,7 @@ class PastSessions:
     _one_check: asyncio.Lock = field(default_factory=asyncio.Lock)
     _frames: dict[Path, FloatArray] = field(default_factory=dict)
     _thumbnails: dict[tuple[Path, int], bytes] = field(default_factory=dict)
-    _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
+    _making: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
     _asked_s: dict[Path, float] = field(default_factory=dict)
 
     def paths(self) -> dict[str, Path]:
@@ -62,19 +67,19 @@ class PastSessions:
         return {identifier(path): path for path in latest}
 
     def path(self, identity: str) -> Path:
-        """The file of a session in the list; raises `SessionError` for anything else."""
+        """The file of a session in the list; raises `PageError` for anything else."""
         path = self.paths().get(identity)
         if path is None:
-            raise SessionError("there is no such session", fix="show the list of sessions again")
+            raise PageError("no_session")
         return path
 
     def sealed_path(self, identity: str) -> Path:
-        """The same for one that has a file; raises `RefusedError` while it is being recorded."""
+        """The same for one that has a file; raises `PageError` while it is being recorded."""
         path = self.path(identity)
         if is_locked(journal_path(path)):
-            raise RefusedError("being recorded", place=path.stem, fix="stop the recording first")
+            raise PageError("being_recorded", session=path.stem)
         if not path.exists():
-            raise SessionError("only its journal is left", place=path.stem, fix=Action.RECOVER(path))
+            raise PageError("interrupted", session=path.stem)
         return path
 
     def rows(self, role: Role) -> list[dict[str, Any]]:
@@ -91,22 +96,18 @@ class PastSessions:
         extent = {"started_ms": started_ms, "duration_s": brief.get("length_s"), "bytes": brief["bytes"]}
         return about | extent | links
 
-    async def check(self, identity: str) -> tuple[bool, str]:
-        """Whether a session is without failures, and the findings in words."""
+    async def check(self, identity: str) -> tuple[bool, dict[str, Any]]:
+        """Whether a session is without failures, the number of checks, and the findings in words."""
         path = self.sealed_path(identity)
         async with self._one_check, self._one_job:  # a report waits for one check at most
             _, output, errors = await _fieldkit("check", str(path))
         try:
             findings = json.loads(output)["sessions"][0]["findings"]
         except (ValueError, KeyError, IndexError):
-            raise command_error(errors, f"{path.stem} could not be checked") from None
-        words = [
-            f"{finding['level']}: {finding['what']}: {finding['text']}"
-            for finding in findings
-            if finding["level"] != "ok"
-        ]
+            raise _command_error(errors) from None
+        issues = [f"{finding['what']}: {finding['text']}" for finding in findings if finding["level"] != "ok"]
         is_clean = not any(finding["level"] == "fail" for finding in findings)
-        return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
+        return is_clean, {"count": len(findings), "issues": "; ".join(issues)}
 
     def frame_k(self, identity: str) -> FloatArray:
         """The mean of a session's first good frames in kelvin, to draw on."""
@@ -136,35 +137,61 @@ class PastSessions:
         try:
             return list(json.loads(output)["slopes"])  # there also where none was found
         except (ValueError, KeyError):
-            raise command_error(errors, f"{path.stem} could not be estimated") from None
+            raise _command_error(errors) from None
 
-    def report(self, identity: str) -> Path | asyncio.Task[str]:
-        """The report of a session, or the task that makes it; its result is why it failed, if it did."""
+    def product(self, kind: str, identity: str) -> Path | asyncio.Task[str]:
+        """One of the `PRODUCTS` of a session, or the task that makes it; its result is why it failed."""
         session = self.sealed_path(identity)
-        report = default_path(session)
-        if os.path.lexists(report) and not is_regular(report):  # it may lead anywhere
-            what = "is a link, a folder or a device"
-            raise RefusedError(what, place=report, fix="delete it, then ask again")
-        making = self._reports.get(session)
+        file = default_path(session).with_suffix(PRODUCTS[kind])
+        if os.path.lexists(file) and not is_regular(file):  # it may lead anywhere
+            raise PageError("no_file", file=file.name)
+        making = self._making.get(file)
         if making is None:
-            if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:
-                return report
-            making = self._reports[session] = asyncio.create_task(self._make(session))
-            self._asked_s[session] = time.monotonic()
+            if file.exists() and file.stat().st_mtime >= session.stat().st_mtime:
+                return file
+            making = self._making[file] = asyncio.create_task(self._make(kind, session, file))
+            self._asked_s[file] = time.monotonic()
         elif making.done():
-            del self._reports[session]  # reported once; asking again tries again
+            del self._making[file]  # reported once; asking again tries again
             if not making.result():
-                return report  # whichever is the newer by a clock that was corrected meanwhile
+                return file  # whichever is the newer by a clock that was corrected meanwhile
         return making
 
-    def waited_s(self, identity: str) -> float:
-        """Seconds since the report of a session was asked for first."""
-        return time.monotonic() - self._asked_s[self.path(identity)]
+    def waited_s(self, kind: str, identity: str) -> float:
+        """Seconds since a product of a session was asked for first."""
+        return time.monotonic() - self._asked_s[default_path(self.path(identity)).with_suffix(PRODUCTS[kind])]
 
-    async def _make(self, session: Path) -> str:
+    async def _make(self, kind: str, session: Path, file: Path) -> str:
         async with self._one_job:
-            code, _, errors = await _fieldkit("report", str(session))
-        return "" if code == 0 else str(command_error(errors, "the report could not be made"))
+            if kind == "timelapse":
+                return await self._make_film(session, file)
+            out = () if kind == "report" else ("-o", str(file))
+            code, _, errors = await _fieldkit("report", str(session), *out)
+        return "" if code == 0 else _command_error(errors).message
+
+    async def _make_film(self, session: Path, file: Path) -> str:
+        """A film of frames at even intervals; the first camera's, where a session has several."""
+        camera, every = await asyncio.to_thread(_film_frames, session)
+        chosen = ("--to", "video", "--stream", camera, "--every", str(every), "-o", str(file.parent))
+        code, output, errors = await _fieldkit("export", str(session), *chosen)
+        if code == 0:
+            Path(json.loads(output)["files"][0]).replace(file)
+        return "" if code == 0 else _command_error(errors).message
+
+
+def _film_frames(path: Path) -> tuple[str, int]:
+    """The first camera of a session, and every how many of its frames a film has."""
+    with open_session(path) as session:
+        camera = find_camera(session.streams.values())
+        if camera is None:
+            raise PageError("no_frame")
+        return camera.name, max(1, session.count(camera.name) // FILM_FRAMES)
+
+
+def _command_error(errors: str) -> RefusedError:
+    """The error of a command, without the command that would help in a terminal."""
+    error = command_error(errors, "")
+    return RefusedError(error.problem) if error.problem else PageError("failed")
 
 
 async def _fieldkit(*arguments: str) -> tuple[int, str, str]:

@@ -18,7 +18,7 @@ BURST, PER_SECOND = 80, 40
 
 
 class ViewerLeftError(Exception):
-    """A viewer is to be disconnected; the text says why."""
+    """A viewer is to be disconnected; the text is the end of a key, ``closed.REASON``."""
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Viewer:
             self._texts.append(message)
             self._wake.set()
         else:
-            self.leave("it does not read")
+            self.leave("slow")
 
     def picture(self, message: bytes) -> None:
         """Offer a picture in place of one that still waits."""
@@ -72,7 +72,7 @@ class Viewer:
     def count_request(self) -> None:
         """Raise `ViewerLeftError` if requests come faster than a person can make them."""
         if not self._requests.allows_another():
-            raise ViewerLeftError("too many requests")
+            raise ViewerLeftError("too_many")
 
     async def send(
         self, text: Callable[[str], Awaitable[None]], picture: Callable[[bytes], Awaitable[None]]

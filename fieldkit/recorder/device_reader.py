@@ -258,7 +258,7 @@ class DeviceReader:
         self._indicators, self._indicators_until_ns = indicators, sample.mono_ns + INDICATORS_EVERY_NS
         severity = Severity.INFO if is_usable(sample.quality) else Severity.WARNING
         text = ", ".join(indicators).replace("_", " ") or "nothing any more"
-        self._report(EventKind.MODE, f"the meter shows: {text}", severity)
+        self._report(EventKind.MODE, f"the meter shows: {text}", severity, {"shows": text})
 
     def _across_openings(self, sample: Sample) -> Sample:
         """Add the flags that a reopened device cannot set: it has no earlier samples to compare with."""

@@ -63,7 +63,8 @@ class FlagMonitor:
         for flag, (kind, severity, text) in _FLAG_EVENTS.items():
             if flag in begun:
                 message = f"{sample.stream}: {text}"
-                yield Event(kind, sample.mono_ns, sample.time_ns, message, sample.stream, severity)
+                about = {"flag": str(flag.name).lower()}
+                yield Event(kind, sample.mono_ns, sample.time_ns, message, sample.stream, severity, about)
 
 
 @dataclass
@@ -191,8 +192,8 @@ class StorageMonitor:
             return
         frames = "frame" if self._skipped == 1 else "frames"
         text = f"{self._skipped} {frames} skipped after a storage error: {self._error}"
-        self._error, self._skipped = None, 0
-        yield _disk(mono_ns, time_ns, Severity.ERROR, text)
+        skipped, self._error, self._skipped = self._skipped, None, 0
+        yield _disk(mono_ns, time_ns, Severity.ERROR, text, skipped=skipped)
 
 
 @dataclass
@@ -222,19 +223,22 @@ class DiskMonitor:
         if free_bytes < self.reserve_bytes and self.stores_frames:
             self.stores_frames = False
             text = f"{free}: disk reserve reached, frames off, meters continue"
-            yield _disk(mono_ns, time_ns, Severity.ERROR, text)
+            yield _disk(mono_ns, time_ns, Severity.ERROR, text, frames="off")
         if free_bytes > 2 * self.reserve_bytes and not self.stores_frames:
             self.stores_frames = True
-            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: frames on again", phase)
+            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: frames on again", phase, frames="on")
         elif phase:
             yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: enough again", phase)
         if free_bytes < self.reserve_bytes // 4 and not self.is_full:
             self.is_full = True
-            yield _disk(mono_ns, time_ns, Severity.ERROR, f"{free}: sealing the session")
+            yield _disk(mono_ns, time_ns, Severity.ERROR, f"{free}: sealing the session", full=1)
 
 
-def _disk(mono_ns: int, time_ns: int, severity: Severity, text: str, phase: str = "") -> Event:
-    return Event(EventKind.DISK, mono_ns, time_ns, text, "", severity, {"phase": phase} if phase else {})
+def _disk(
+    mono_ns: int, time_ns: int, severity: Severity, text: str, phase: str = "", **data: int | str
+) -> Event:
+    about = data | ({"phase": phase} if phase else {})
+    return Event(EventKind.DISK, mono_ns, time_ns, text, "", severity, about)
 
 
 @dataclass(frozen=True, slots=True)

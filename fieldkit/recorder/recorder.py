@@ -264,7 +264,7 @@ class Recorder:
             self._keep_event(event)
         if self._failure is not None:
             text = f"the recording ended early: {self._failure.message}"
-            self._report(EventKind.DISK, text, Severity.ERROR)
+            self._report(EventKind.DISK, text, Severity.ERROR, {"ended": "early"})
 
     # --- items: the session first
 
@@ -280,7 +280,8 @@ class Recorder:
         for sample in self.earlier:
             self._keep_sample(sample)
         if count := self._counts.total():
-            self._report(EventKind.START, f"{count} samples of the preview before are included")
+            text = f"{count} samples of the preview before are included"
+            self._report(EventKind.START, text, data={"samples": count})
 
     def _take(self, item: Item | None) -> None:
         if item is not None:
@@ -358,7 +359,7 @@ class Recorder:
         kind: EventKind,
         text: str,
         severity: Severity = Severity.INFO,
-        data: Mapping[str, str] = MappingProxyType({}),
+        data: Mapping[str, int | str] = MappingProxyType({}),
     ) -> None:
         now = self.clock.mono_ns()
         self._keep_event(Event(kind, now, self.writer.utc_ns(now), text, "", severity, dict(data)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Estimator, Minute
-from fieldkit.model.device import Camera, regions_on
+from fieldkit.model.device import Camera, StreamInfo, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.next_step import Action
@@ -104,9 +104,9 @@ def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
         return usable_frame(instruments)
 
 
-def missing_instruments(config: Config, instruments: Instruments) -> list[str]:
-    """Names of configured instruments that are not open."""
-    present = {info.name for info in instruments.streams}
+def missing_instruments(config: Config, streams: Iterable[StreamInfo]) -> list[str]:
+    """Names of configured instruments that have no stream."""
+    present = {info.name for info in streams}
     return [device.name for device in config.devices if device.name not in present]
 
 

@@ -62,7 +62,8 @@ class Redrawing:
         """
         if refusals := self._refusals(requested):
             text = f"regions not changed: {'; '.join(refusals)}"
-            yield _answer(mono_ns, time_ns, text, {"request": request}, Severity.WARNING)
+            about: dict[str, Any] = {"request": request, "refusals": refusals}
+            yield _answer(mono_ns, time_ns, text, about, Severity.WARNING)
             return
         since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
         changes: dict[str, list[str]] = {}
@@ -70,7 +71,7 @@ class Redrawing:
             yield record
             self._follow(record)
             changes.setdefault(what, []).append(record.region.name)
-        data = {"request": request, "from_ns": since_ns, **changes} if changes else {"request": request}
+        data = {"request": request} | ({"from_ns": since_ns, **changes} if changes else {})
         yield _answer(mono_ns, time_ns, self._words(changes, since_ns), data)
 
     def _follow(self, record: RegionRecord) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
 from fieldkit.model.device import StreamInfo, find_camera
-from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
 
@@ -24,26 +24,34 @@ Item: TypeAlias = "Frame | Reading | Event | RegionRecord | Minute | Health"
 """What a recording passes to its views."""
 EVENTS_KEPT = 50
 RATE_OVER_S = 60
+TILTS = ("tilt_deg", "tilt_low_deg", "tilt_high_deg")
 
 
 @dataclass(frozen=True)
 class Trend:
     """One value per minute and region, NaN where there is none; `times_ns` are UTC nanoseconds.
 
-    `temperature_k` in kelvin and `tilt_deg` in degrees, by the region's name, as long as `times_ns`.
+    `columns` are as long as `times_ns`, by quantity (``temperature_k``, the `TILTS`, ``shaded``: 1 or 0) and
+    the region's name.
     """
 
     times_ns: list[int] = field(default_factory=list)
-    temperature_k: dict[str, list[float]] = field(default_factory=dict)
-    tilt_deg: dict[str, list[float]] = field(default_factory=dict)
+    cloudy: list[bool] = field(default_factory=list)
+    columns: dict[str, dict[str, list[float]]] = field(default_factory=dict)
 
     def plus(self, minute: Minute) -> Trend:
         """The same with a minute's values at its end; a minute that it has already changes nothing."""
         if minute.time_ns in self.times_ns[-1:]:
             return self
-        tilts = {estimate.region: estimate.tilt_deg for estimate in minute.estimates}
-        temperature_k = self._extend(self.temperature_k, minute.temperature_k)
-        return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extend(self.tilt_deg, tilts))
+        slopes = {slope.region: slope for slope in minute.estimates}
+        values = {
+            "temperature_k": minute.temperature_k,
+            **{key: {name: getattr(slope, key) for name, slope in slopes.items()} for key in TILTS},
+            "shaded": {name: float(Quality.SHADED in slope.flags) for name, slope in slopes.items()},
+        }
+        columns = {key: self._extend(self.columns.get(key, {}), column) for key, column in values.items()}
+        cloudy = Quality.CLOUD in minute.flags
+        return Trend([*self.times_ns, minute.time_ns], [*self.cloudy, cloudy], columns)
 
     def _extend(
         self, columns: Mapping[str, list[float]], values: Mapping[str, float]

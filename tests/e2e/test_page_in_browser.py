@@ -16,6 +16,7 @@ import pytest
 
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.page.phrases import phrases
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import BEDS
@@ -42,6 +43,16 @@ TARGET_SIZES = """[...document.querySelectorAll(
     .filter((one) => one.checkVisibility())
     .map((one) => [one.id || one.textContent, one.getBoundingClientRect()])
     .map(([name, box]) => [name, Math.round(box.width), Math.round(box.height)])"""
+SIZES = (SMALLEST, PHONE, (390, 844), PHONE_ON_ITS_SIDE, LAPTOP)
+CUT_PLACEHOLDERS = """[...document.querySelectorAll("[placeholder]")]
+    .filter((input) => input.checkVisibility() && !input.value)
+    .filter((input) => {
+        const pen = document.createElement("canvas").getContext("2d"), style = getComputedStyle(input);
+        pen.font = style.font;
+        const room = input.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+        return pen.measureText(input.placeholder).width > room;
+    })
+    .map((input) => input.name)"""
 CORNERS = """[...document.querySelectorAll(".draft .hit")]
     .map((one) => [+one.getAttribute("cx"), +one.getAttribute("cy")])"""
 
@@ -120,11 +131,19 @@ def _zoom_the_plot(watched: Watched) -> None:
 
     wait_until(lambda: max(lines(), default=0) > 5, "no minutes are plotted")
     before = max(lines())
+    assert chart.locator("polygon").count() > 0  # the regions of the tilts
+    wait_until(lambda: chart.locator(".marks").count() > 0, "the mark is not plotted")
     box = chart.bounding_box()
     assert box is not None
     watched.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 50)
     watched.page.mouse.wheel(0, -300)
     wait_until(lambda: max(lines()) < before, "the wheel does not zoom")
+    assert chart.locator(".cursor path").count() == 1
+    first = watched.page.locator("#plot-time").inner_text()
+    for _ in range(3):
+        chart.press("ArrowLeft")
+    assert watched.page.locator("#plot-time").inner_text() != first
+    assert re.search(r"b15 .*\d °C", watched.page.locator("#plot-names").inner_text())
     chart.press("Home")
     wait_until(lambda: max(lines()) >= before, "Home does not show all")
 
@@ -152,32 +171,99 @@ def test_times_after_the_first_day_of_a_recording_have_their_date(browser, page)
     )
     assert clock is not None
     noon = "Date.UTC(2026, 2, 7, 12)"
-    code = f"{times} const status = {{ state: {{ started_ms: {noon} }} }}; {clock[0]}"
+    code = f"{times} const phrase = () => 'en-GB', status = {{ state: {{ started_ms: {noon} }} }}; {clock[0]}"
     shown = f"(() => {{ {code} return [1, 24].map((hours) => clockTime({noon} + hours * 3600e3)); }})()"
     assert watched.page.evaluate(shown) == ["13:00:00", "8 Mar 12:00:00"]
 
 
 @pytest.mark.parametrize(
-    "size",
-    [SMALLEST, LAPTOP, *(pytest.param(one, marks=pytest.mark.slow) for one in (PHONE, PHONE_ON_ITS_SIDE))],
+    ("language", "theme"),
+    [
+        ("en", "light"),
+        ("ja", "dark"),
+        *(pytest.param(*look, marks=pytest.mark.slow) for look in (("en", "dark"), ("ja", "light"))),
+    ],
 )
-def test_axe_finds_nothing(browser, page, size):
-    watched = opened(browser, page.link(), size)
+def test_axe_finds_nothing_and_everything_fits(browser, page, language, theme):
+    """As the browser prefers it, at every width."""
+    watched = opened(browser, page.link(), locale=language, color_scheme=theme)
     watched.wait_for_picture()
-    assert watched.violations() == []
+    root = watched.page.locator("html")
+    assert root.get_attribute("lang") == language
+    assert root.get_attribute("data-theme") == {"light": "sunlight", "dark": "dark"}[theme]
+    _is_sound(watched, *SIZES)
     watched.page.locator("#draw").click()
     watched.drag(*journey.B15)
     watched.page.locator("#verdict-text", has_text="px").wait_for()
-    assert watched.violations() == []
-    assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    _is_sound(watched, *SIZES)
     watched.page.locator("#skyline-choice").click()
-    assert watched.violations() == []
+    _is_sound(watched, PHONE)
     watched.page.locator("#cancel-drawing").click()
     for button in ("#start", "#list-sessions"):
         watched.page.locator(button).click()
-        assert watched.violations() == []
+        _is_sound(watched, SMALLEST, LAPTOP)
         watched.page.keyboard.press("Escape")
-    assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert watched.errors == []
+
+
+def _is_sound(watched: Watched, *sizes: tuple[int, int]) -> None:
+    for width, height in sizes:
+        watched.page.set_viewport_size({"width": width, "height": height})
+        assert watched.violations() == [], width
+        assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), width
+        assert watched.page.evaluate(CUT_PLACEHOLDERS) == [], width
+
+
+EVENTS: list[tuple[str, str, dict[str, Any], str]] = [
+    ("estimator", "warning", {"shaded": "b15", "phase": "begin"}, "estimator.shaded.begin"),
+    ("estimator", "warning", {"late": "end"}, "estimator.late.end"),
+    ("estimator", "error", {}, "estimator.error"),
+    ("moved", "warning", {"phase": "lost"}, "moved.lost"),
+    ("moved", "warning", {"phase": "lost", "region": "b15"}, "moved.region.lost"),
+    ("cloud", "info", {"phase": "end", "request": "7"}, "cloud.end"),
+    ("gap", "warning", {"lost": 3}, "gap.lost"),
+    ("gap", "warning", {}, "gap"),
+    ("lost", "error", {}, "lost.error"),
+    ("back", "info", {"gap_s": 12.0}, "back"),
+    ("overrange", "warning", {"flag": "saturated"}, "overrange.flag.saturated"),
+    ("alarm", "error", {"phase": "raised", "condition": "lost", "subject": "camera"}, "alarm.raised"),
+    ("mark", "info", {"corrects": 2, "takes_back": 1}, "mark.takes_back"),
+    ("of-a-newer-version", "info", {}, ""),
+]
+
+
+def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, page):
+    watched = opened(browser, page.link(), LAPTOP)
+    folder = resources.files("fieldkit.page") / "browser"
+    code = "".join((folder / name).read_text("utf-8") for name in ("phrases.js", "dom.js"))
+    code = code.replace("{{languages}}", "{}").replace("{{texts}}", json.dumps(phrases()))
+    for kind, severity, data, key in EVENTS:
+        event = {"kind": kind, "severity": severity, "data": data, "stream": "lux", "text": "stored"}
+        event["time_ms"] = 1e12
+        shown = watched.page.evaluate(f"(() => {{ {code} return eventText({json.dumps(event)}); }})()")
+        words = {
+            **data,
+            "stream": "lux",
+            "gap_s": "12 s",
+            "mark": "stored",
+            "alarm": "camera does not respond",
+        }
+        assert shown == (phrases()[f"event.{key}"].format_map(words) if key else "stored"), kind
+
+
+def test_theme_and_language_are_chosen_and_kept_on_the_device(browser, page):
+    watched = opened(browser, page.link(), locale="en", color_scheme="light")
+    watched.wait_for_picture()
+    watched.page.locator("#theme").select_option("dark")
+    watched.page.locator("#language").select_option("ja")
+    watched.page.locator("html[lang=ja][data-theme=dark]").wait_for()
+    watched.page.reload()
+    watched.wait_for_picture()
+    root = watched.page.locator("html[lang=ja][data-theme=dark]")
+    assert root.count() == 1
+    background = watched.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert max(map(int, re.findall(r"\d+", background))) < 64
+    assert watched.errors == []
 
 
 def test_every_target_is_large_enough_for_a_thumb(browser, page):
@@ -279,7 +365,7 @@ def test_a_skyline_is_tapped_and_becomes_the_horizon(browser, tmp_path):
             stage.press("Enter")
         corners = _corners(watched)
         watched.page.locator("#save-region").press("Enter")
-        watched.said("the horizon is the skyline")
+        watched.page.locator("#answers [data-key='done.skyline']").wait_for()
     pairs = load_config(file).estimator_settings().horizon
     x, y = corners[0]
     up = np.degrees(np.arctan((59.5 - y) / np.hypot(80.0, x - 79.5)))
@@ -326,7 +412,7 @@ def test_the_keyboard_alone_draws_starts_marks_and_stops(browser, tmp_path):
         keys.type("by-keyboard")
         keys.press("Enter")
         watched.said("by-keyboard")
-        watched.page.locator("#event-list li", has_text="recording started").wait_for()
+        watched.page.locator("#event-list li[data-kind=start]").wait_for()
         watched.tab_to("#mark")
         keys.press("Enter")
         watched.tab_to("#mark-dialog [name=text]")
@@ -364,11 +450,11 @@ def test_the_view_link_only_looks(browser, page):
 
 def test_a_browser_without_a_key_is_told_what_to_do(browser, page):
     watched = opened(browser, page.address)
-    watched.page.locator("#connection", has_text="Open the link").wait_for()
+    watched.page.locator("#connection[data-key='refused.no_key']").wait_for()
     link = page.link()
     opened(browser, link).wait_for_picture()
     again = opened(browser, link)
-    again.page.locator("#connection", has_text="was used already").wait_for()
+    again.page.locator("#connection[data-key='refused.used']").wait_for()
 
 
 HOSTILE = """<!doctype html><script>

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 import fieldkit
@@ -16,9 +19,9 @@ from fieldkit.results.describe import recorded_slopes
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import field_page
 from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
-from tests.harness.page import served
+from tests.harness.page import Answer, Served, served
 from tests.harness.recording import CountedClock, fill, header
-from tests.harness.waiting import wait_until
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 FITS = "document.documentElement.scrollWidth <= window.innerWidth"
 COLOURS = (
@@ -54,15 +57,16 @@ def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_the
         made = [event.text for event in session.events(recorded=True)]
     this = {"session": identifier(path)}
     with page.browser("view") as looking:
-        assert [one["words"] for one in looking.request(do="marks", **this)["data"]][2] == "cloud: cloud"
+        cloud = looking.request(do="marks", **this)["data"][2]
+        assert (cloud["kind"], cloud["text"]) == ("cloud", "cloud")
         assert not looking.request(do="take_back", mark=2, **this)["ok"]
     with page.browser() as browser:
         assert browser.request(do="take_back", mark=2, **this)["ok"]
         done = browser.request(do="edit_mark", mark=3, text="haze", kind="sky", at="12:00", **this)
-        assert done["text"].endswith(": haze")
+        assert done["data"] == {"mark": 3, "text": "haze"}
         _, first, second = browser.request(do="marks", **this)["data"]
         assert (first["text"], first["counts"]) == ("wind", False)
-        assert (second["words"], second["counts"]) == ("sky: haze", True)
+        assert (second["kind"], second["text"], second["counts"]) == ("sky", "haze", True)
         with fieldkit.open_session(path) as session:
             marks = {number: mark.text for number, mark in session.marks().items()}
             assert marks == {1: "wolke über b05", 3: "haze"}
@@ -126,7 +130,7 @@ def test_sessions_are_compared_by_touch(phone):
     page.locator("#compare", has_text="Compare 2 sessions").click()
     page.locator("#compare-slopes tr").first.wait_for()
     assert page.locator("#compare-head canvas").count() == 2
-    assert re.search(r"tilt \d", page.locator("#compare-slopes").inner_text())
+    assert re.search(r"Tilt \d", page.locator("#compare-slopes").inner_text())
     at_every_size(phone)
     page.locator("#compare-dialog .cancel").click()
     page.locator("#compare-dialog").wait_for(state="hidden")
@@ -140,7 +144,7 @@ def test_marks_are_edited_and_taken_back_by_touch(phone):
     first.get_by_role("button", name="Take back").tap()
     page.locator("#mark-list .gone").wait_for()
     at_every_size(phone)
-    first.get_by_role("button", name="Count again").tap()
+    first.get_by_role("button", name="Restore").tap()
     page.locator("#mark-list .gone").wait_for(state="detached")
     first.get_by_role("button", name="Edit").click()
     at_every_size(phone)
@@ -197,7 +201,7 @@ def _correct_a_mark(watched: Watched) -> None:
     keys.press("Enter")
     watched.tab_to("#mark-list li:last-child button:last-child")
     keys.press("Enter")
-    watched.page.locator("#mark-list .gone button:focus").wait_for()  # Count again, where Take back was
+    watched.page.locator("#mark-list .gone button:focus").wait_for()  # Restore, where Take back was
     keys.press("Enter")
     watched.page.locator("#mark-list li:last-child:not(.gone) button:focus").wait_for()  # Edit
     keys.press("Enter")
@@ -208,3 +212,28 @@ def _correct_a_mark(watched: Watched) -> None:
     marks.filter(has_text="haze").wait_for()
     keys.press("Escape")
     watched.page.locator("#marks-dialog").wait_for(state="hidden")
+
+
+def _made(page: Served, path: Path, kind: str) -> Answer:
+    """What is made of a session, once it is."""
+    url, cookie = f"/session/{identifier(path)}/{kind}", page.cookie()
+    assert page.ask("GET", url, Cookie=page.cookie("view")).status == 403
+    wait_until(
+        lambda: page.ask("GET", url, Cookie=cookie).status != 202, f"no {kind}", PATIENCE_S, every_s=0.5
+    )
+    answer = page.ask("GET", url, Cookie=cookie)
+    assert answer.status == 200, answer
+    assert answer.headers["content-disposition"].startswith("attachment")
+    return answer
+
+
+def test_a_time_lapse_is_made_of_the_frames_of_a_session(page, folder, tmp_path):
+    film = tmp_path / "film.mp4"
+    film.write_bytes(_made(page, folder / "recordings/marked.h5", "timelapse").body)
+    assert cv2.VideoCapture(str(film)).get(cv2.CAP_PROP_FRAME_COUNT) == 10
+
+
+@pytest.mark.slow
+def test_one_image_is_made_of_a_day(page, folder):
+    image = _made(page, folder / "recordings/20160102T190001Z-again.h5", "image").body
+    assert cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR).shape == (1080, 1920, 3)

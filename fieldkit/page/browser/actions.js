@@ -1,15 +1,20 @@
-// Start, stop, mark, shutter; each says what it did, from the server's answer.
+// Start, stop, mark, shutter; each shows what it did, from the server's answer.
 
-const ANSWER_MS = 6000;
+const ANSWER_MS = { brief: 6000, long: 20_000 };
 
-/** Show what a request did; a failure, or one that leads to a report, stays until it is closed. */
-function showAnswer({ ok, text, fix, data }) {
-  const report = data?.report_url;
-  const close = el("button", { type: "button", onclick: () => line.remove() }, "Close");
-  const line = el("p", { class: ok ? null : "failed" }, el("span", {}, [text, fix].filter(Boolean).join(" ")),
-    report ? el("a", { class: "button", href: report, target: "_blank", rel: "noopener" }, "Report") : null, close);
+/** Show what a request did; a failure, and what leads to a report, for longer. Each leaves by itself. */
+function showAnswer(answer) {
+  const report = answer.data?.report_url;
+  const close = el("button", { type: "button", onclick: () => line.remove() }, phrase("action.close"));
+  const line = el("p", { class: answer.ok ? null : "failed", "data-key": answer.key || answer.event?.kind }, el("span", {}, answerText(answer)),
+    report ? el("a", { class: "button", href: report, target: "_blank", rel: "noopener" }, phrase("sessions.report")) : null, close);
   $("answers").replaceChildren(line);
-  if (ok && !report) setTimeout(() => line.remove(), ANSWER_MS);
+  removeLater(line, answer.ok && !report ? ANSWER_MS.brief : ANSWER_MS.long);
+}
+
+/** Remove a line after a time, but not from under a finger or the focus. */
+function removeLater(line, afterMs) {
+  setTimeout(() => (line.matches(":hover, :focus-within") ? removeLater(line, ANSWER_MS.brief) : line.remove()), afterMs);
 }
 
 /** Ask before something that cannot be taken back; a promise of the decision. */
@@ -36,7 +41,7 @@ function ask(id, whatOf, then = () => {}) {
     const answer = await request(whatOf(fields.elements));
     submit.disabled = false;
     if (answer.ok) dialog.close();
-    else say(error, [answer.text, answer.fix].filter(Boolean).join(" "));
+    else say(error, answerText(answer));
     error.hidden = answer.ok;
     if (!answer.ok) return;
     showAnswer(answer);
@@ -65,8 +70,7 @@ $("shutter").onclick = async () => showAnswer(await request({ do: "shutter" }));
 $("stop").onclick = async () => {
   const { phase, session, ours } = status.state;
   if (phase === "waiting") return showAnswer(await request({ do: "stop", confirm: true }));
-  const whose = ours === false ? " It was not started from this page." : "";
-  const sure = await confirmed("Stop the recording?", `${session ?? "The recording"} ends now and is checked and sealed.${whose}`, "Stop and seal", "Keep recording");
+  const sure = await confirmed(phrase("stop.title"), phrase(ours ? "stop.text" : "stop.text.others", { session }), phrase("stop.yes"), phrase("stop.no"));
   if (sure) showAnswer(await request({ do: "stop", confirm: true }));
 };
 

@@ -14,11 +14,12 @@ on("alarms", (message) => {
   if (message.alarms.some((alarm) => !known.has(alarm.id) && !alarm.acknowledged)) sound();
 });
 
-function alarmRow({ id, severity, text, since_ms: since, acknowledged }) {
+function alarmRow(alarm) {
+  const { id, severity, since_ms: since, acknowledged } = alarm, text = alarmText(alarm);
   const answer = async () => showAnswer(await request({ do: "acknowledge", alarm: id }));
-  const button = el("button", { type: "button", class: "control", "aria-label": `Acknowledge: ${text}`, onclick: answer }, "Acknowledge");
+  const button = el("button", { type: "button", class: "control", "aria-label": phrase("alarms.acknowledge.title", { alarm: text }), onclick: answer }, phrase("alarms.acknowledge"));
   button.hidden = link.role !== "control";
-  const about = `since ${clockTime(since)}${acknowledged ? ", acknowledged" : ""}`;
+  const about = phrase(acknowledged ? "alarms.acknowledged" : "alarms.since", { time: clockTime(since) });
   return el("div", { class: `alarm ${acknowledged ? "info" : severity}` }, el("p", {}, text, el("span", {}, about)), acknowledged ? null : button);
 }
 
@@ -49,7 +50,7 @@ $("sound").onclick = async () => {
   alarms.audio = audio ? null : new AudioContext();
   await audio?.close();
   $("sound").setAttribute("aria-pressed", String(alarms.audio !== null));
-  say($("sound"), `Alarm sound: ${alarms.audio ? "on" : "off"}`);
+  say($("sound"), phrase(alarms.audio ? "sound.on" : "sound.off"));
   sound(); // to be heard once, so that one knows
 };
 setInterval(() => isAlarming() && sound(), SOUND_EVERY_MS);

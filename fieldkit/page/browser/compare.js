@@ -44,7 +44,7 @@ function compareChoice(session, heading) {
     target.parentElement.after($("compare")); // where the finger is
     showCompare();
   };
-  return el("label", { class: "check" }, el("input", { type: "checkbox", "aria-describedby": heading, onchange: choose }), "Compare");
+  return el("label", { class: "check" }, el("input", { type: "checkbox", "aria-describedby": heading, onchange: choose }), phrase("compare.choose"));
 }
 
 function forgetChosen() {
@@ -55,7 +55,7 @@ function forgetChosen() {
 
 function showCompare() {
   $("compare").hidden = compared.chosen.size < 2;
-  say($("compare"), `Compare ${compared.chosen.size} sessions`);
+  say($("compare"), phrase("compare.button", { count: compared.chosen.size }));
 }
 
 /** One column for each session: its image, all from one scale of temperature, then the slope of each region. */
@@ -75,19 +75,19 @@ function showColumns(sessions, images) {
   const known = images.filter(Boolean).map((image) => image.header);
   const scale = [Math.min(...known.map((header) => header.low_c)), Math.max(...known.map((header) => header.high_c))];
   const [low, high] = scale.map((end) => `${number(displayed(end))} ${temperature.unit}`);
-  say($("compare-scale"), known.length ? `First frames, colours from ${low} to ${high} in each.` : "");
+  say($("compare-scale"), known.length ? phrase("compare.scale", { low, high }) : "");
   const heads = sessions.map((session, i) => {
-    const canvas = images[i] && el("canvas", { role: "img", "aria-label": `First frame of ${session.title}` });
+    const canvas = images[i] && el("canvas", { role: "img", "aria-label": phrase("compare.image", { session: session.title }) });
     if (canvas) paintWhole(canvas, images[i], scale);
     return el("th", { scope: "col" }, canvas, session.title || session.id, el("small", {}, dayTime(session.started_ms)));
   });
-  $("compare-head").replaceChildren(el("tr", {}, el("th", { scope: "col" }, "Region"), ...heads));
+  $("compare-head").replaceChildren(el("tr", {}, el("th", { scope: "col" }, phrase("compare.region")), ...heads));
 }
 
 function showSlopes(slopes) {
   const names = [...new Set(slopes.flat().map((slope) => slope.region))];
-  const cell = (slope) => (slope ? el("td", {}, `tilt ${slope.tilt}`, el("small", {}, `azimuth ${slope.azimuth}`), el("small", {}, slope.words)) : el("td", {}, "–"));
-  const row = (name) => el("tr", {}, el("th", { scope: "row" }, name), ...slopes.map((of) => cell(of.find((one) => one.region === name))));
+  const cell = (slope) => (slope ? el("td", {}, `${phrase("slope.tilt")} ${slope.tilt}`, el("small", {}, `${phrase("slope.azimuth")} ${azimuthText(slope)}`), el("small", {}, stateText(slope))) : el("td", {}, "–"));
+  const row = (name) => el("tr", {}, el("th", { scope: "row" }, name), ...slopes.map((of) => cell(of.find((slope) => slope.region === name))));
   $("compare-slopes").replaceChildren(...names.map(row));
 }
 

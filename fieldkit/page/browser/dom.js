@@ -4,13 +4,13 @@ const $ = (id) => document.getElementById(id);
 
 /** A new element with properties (`class`, `on…` listeners, attributes) and children (elements or texts). */
 function el(tag, props = {}, ...children) {
-  const made = tag === "svg" || SVG_TAGS.has(tag) ? document.createElementNS(SVG, tag) : document.createElement(tag);
+  const element = tag === "svg" || SVG_TAGS.has(tag) ? document.createElementNS(SVG, tag) : document.createElement(tag);
   for (const [key, value] of Object.entries(props)) {
-    if (typeof value === "function") made.addEventListener(key.slice(2), value);
-    else if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value === true ? "" : value);
+    if (typeof value === "function") element.addEventListener(key.slice(2), value);
+    else if (value !== null && value !== undefined && value !== false) element.setAttribute(key, value === true ? "" : value);
   }
-  made.append(...children.filter((child) => child !== null && child !== ""));
-  return made;
+  element.append(...children.filter((child) => child || child === 0));
+  return element;
 }
 const SVG = "http://www.w3.org/2000/svg";
 const SVG_TAGS = new Set(["g", "polygon", "polyline", "circle", "text", "path"]);
@@ -30,12 +30,12 @@ function number(value, digits = 0) {
 /** A duration in its two largest units: `3 h 09 min`, `12 s`. */
 function duration(seconds) {
   if (!Number.isFinite(seconds)) return "–";
-  const whole = Math.max(0, Math.round(seconds));
-  if (whole < 60) return `${whole} s`;
-  if (whole < 600 && whole % 60) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
-  if (whole < 3600) return `${Math.floor(whole / 60)} min`;
-  if (whole < 86400) return `${Math.floor(whole / 3600)} h ${String(Math.floor(whole / 60) % 60).padStart(2, "0")} min`;
-  return `${number(Math.floor(whole / 86400))} d ${Math.floor(whole / 3600) % 24} h`;
+  const whole = Math.max(0, Math.round(seconds)), min = Math.floor(whole / 60) % 60;
+  if (whole < 60) return phrase("time.s", { s: whole });
+  if (whole < 600 && whole % 60) return phrase("time.min_s", { min, s: whole % 60 });
+  if (whole < 3600) return phrase("time.min", { min });
+  if (whole < 86400) return phrase("time.h_min", { h: Math.floor(whole / 3600), min: String(min).padStart(2, "0") });
+  return phrase("time.d_h", { d: number(Math.floor(whole / 86400)), h: Math.floor(whole / 3600) % 24 });
 }
 
 /** A size in bytes as people read it. */
@@ -51,9 +51,9 @@ const site = { zone: "UTC" };
 function localTime(ms, options = { hour: "2-digit", minute: "2-digit", second: "2-digit" }) {
   if (!(ms > 0)) return "–"; // nothing has a time before the first sample
   try {
-    return new Intl.DateTimeFormat("en-GB", { ...options, timeZone: site.zone }).format(ms);
+    return new Intl.DateTimeFormat(phrase("language.locale"), { ...options, timeZone: site.zone }).format(ms);
   } catch {
-    return new Intl.DateTimeFormat("en-GB", { ...options, timeZone: "UTC" }).format(ms); // a zone unknown to this browser
+    return new Intl.DateTimeFormat(phrase("language.locale"), { ...options, timeZone: "UTC" }).format(ms); // a zone unknown to this browser
   }
 }
 const minuteTime = (ms) => localTime(ms, { hour: "2-digit", minute: "2-digit" });
@@ -64,10 +64,10 @@ function makeSteppers() {
   for (const box of document.querySelectorAll(".stepper")) {
     const input = box.querySelector("input");
     const name = box.closest("label").firstChild.textContent.replace(",", "").trim();
-    const button = (sign, word) =>
-      el("button", { type: "button", "aria-label": `${word} ${name}`, onclick: () => step(box, input, sign) }, sign > 0 ? "+" : "−");
-    box.prepend(button(-1, "Decrease"));
-    box.append(button(1, "Increase"));
+    const button = (sign, key) =>
+      el("button", { type: "button", "aria-label": phrase(key, { name }), onclick: () => step(box, input, sign) }, sign > 0 ? "+" : "−");
+    box.prepend(button(-1, "stepper.decrease"));
+    box.append(button(1, "stepper.increase"));
   }
 }
 

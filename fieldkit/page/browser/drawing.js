@@ -12,7 +12,7 @@ const form = $("drawing");
 
 /** Begin with a region to change, or with an empty draft. */
 function beginDrawing(region = null) {
-  if (!picture.header) return showAnswer({ ok: false, text: "There is no picture to draw on yet." });
+  if (!picture.header) return showAnswer(unanswered("drawing.no_image"));
   const kind = region?.kind ?? (regions.list.some((other) => other.kind === "reference") ? "target" : "reference");
   drawing.draft = {
     original: region?.name ?? null, vertices: region?.points_px.map((vertex) => [...vertex]) ?? [],
@@ -22,7 +22,7 @@ function beginDrawing(region = null) {
   form.elements.name.value = region?.name ?? freeName(kind);
   for (const key of ["tilt_deg", "azimuth_deg", "emissivity"]) form.elements[key].value = region?.[key] ?? "";
   if (!region && kind === "reference") form.elements.tilt_deg.value = 0;
-  say($("drawing-title"), region ? `Region ${region.name}` : "New region");
+  say($("drawing-title"), region ? phrase("drawing.region", { name: region.name }) : phrase("drawing.new"));
   $("remove-region").hidden = region === null;
   $("skyline-choice").hidden = region !== null;
   $("drawing-error").hidden = true;
@@ -61,7 +61,7 @@ function showDrawing() {
   $("close-outline").hidden = draft.closed || isSkyline();
   $("close-outline").disabled = draft.vertices.length < 3;
   $("save-region").hidden = !draft.closed && !(isSkyline() && draft.vertices.length > 1);
-  if (!draft.closed) showVerdict({ level: "", text: `${draft.vertices.length} corner${draft.vertices.length === 1 ? "" : "s"}` });
+  if (!draft.closed) showVerdict({ level: "", text: phrase("drawing.corners", { count: draft.vertices.length }) });
 }
 
 const isSkyline = () => form.elements.kind.value === "skyline";
@@ -74,10 +74,10 @@ function changeKind() {
 }
 
 function helpFor(draft) {
-  if (isSkyline()) return "Tap along the skyline; drag a point to move it. It becomes the site's horizon.";
-  if (draft.closed) return "Drag a corner or the inside; touch an edge to add a corner.";
-  if (draft.vertices.length === 0) return "Drag a rectangle, or tap corner by corner.";
-  return draft.vertices.length < 3 ? "Tap the next corner." : "Tap the next corner, or the first one to close the outline.";
+  if (isSkyline()) return phrase("drawing.help.skyline");
+  if (draft.closed) return phrase("drawing.help.closed");
+  if (draft.vertices.length === 0) return phrase("drawing.help.empty");
+  return phrase(draft.vertices.length < 3 ? "drawing.help.open" : "drawing.help.closable");
 }
 
 // ---- changes of the draft
@@ -145,15 +145,15 @@ async function checkDraft(shrink) {
   if (!drawing.draft) return;
   if (answer.ok && shrink !== undefined) setVertices(answer.data.points_px.map(within));
   else if (drawing.unchecked) [drawing.unchecked] = [false, checkDraft()];
-  else if (drawing.draft.closed) showVerdict(answer.ok ? answer.data : { level: "", text: answer.text });
+  else if (drawing.draft.closed) showVerdict(answer.ok ? answer.data : { level: "", text: answerText(answer) });
 }
 
 function showVerdict({ level, text, pixels: count, spread_c: spread, shrink_px: shrink }) {
-  const facts = [count === undefined ? "" : `${number(count)} px`, Number.isFinite(spread) ? `spread ${number(spread, 2)} K` : ""];
+  const facts = [count === undefined ? "" : `${number(count)} px`, Number.isFinite(spread) ? phrase("verdict.spread", { kelvin: number(spread, 2) }) : ""];
   $("verdict").className = level;
-  say($("verdict-text"), [...facts, level === "ok" ? "ok" : text].filter(Boolean).join(", "));
+  say($("verdict-text"), [...facts, level === "ok" ? phrase("verdict.ok") : text].filter(Boolean).join(", "));
   $("shrink").hidden = !shrink;
-  if (shrink) say($("shrink"), `Shrink by ${shrink} px`);
+  if (shrink) say($("shrink"), phrase("verdict.shrink", { pixels: shrink }));
   $("shrink").onclick = () => checkDraft(shrink);
 }
 
@@ -170,17 +170,17 @@ async function saveRegion(event) {
   event.preventDefault();
   if (isSkyline()) return saveSkyline();
   const region = drawnRegion(), { original, closed } = drawing.draft;
-  if (!closed) return drawingError("Close the outline first.");
-  if (!form.elements.name.value.trim()) return drawingError("Give the region a name.");
+  if (!closed) return drawingError(phrase("drawing.not_closed"));
+  if (!form.elements.name.value.trim()) return drawingError(phrase("drawing.no_name"));
   const answer = await request(original ? { do: "edit_region", name: original, region } : { do: "add_region", region });
-  if (!answer.ok) return drawingError([answer.text, answer.fix].filter(Boolean).join(" "));
+  if (!answer.ok) return drawingError(answerText(answer));
   endDrawing();
   showAnswer(answer);
 }
 
 async function saveSkyline() {
   const answer = await request({ do: "skyline", points: drawing.draft.vertices });
-  if (!answer.ok) return drawingError([answer.text, answer.fix].filter(Boolean).join(" "));
+  if (!answer.ok) return drawingError(answerText(answer));
   endDrawing();
   showAnswer(answer);
 }
@@ -193,7 +193,7 @@ function drawingError(text) {
 
 async function removeRegion() {
   const name = drawing.draft.original;
-  const sure = await confirmed(`Remove region ${name}?`, "Its minutes so far stay in the session; later minutes have none.", "Remove region", "Keep it");
+  const sure = await confirmed(phrase("drawing.remove.title", { name }), phrase("drawing.remove.text"), phrase("drawing.remove"), phrase("drawing.remove.no"));
   if (!sure) return;
   const answer = await request({ do: "remove_region", name, confirm: true });
   if (answer.ok) endDrawing();
@@ -340,7 +340,7 @@ function moveCursor([dx, dy]) {
   const { draft } = drawing;
   const [x, y] = draft.cursor ?? picture.probe ?? [Math.floor(pixels.width / 2), Math.floor(pixels.height / 2)];
   draft.cursor = within([x + dx, y + dy]);
-  say($("value"), `Cross at ${draft.cursor.join(", ")}`);
+  say($("value"), phrase("drawing.cross", { x: draft.cursor[0], y: draft.cursor[1] }));
   $("value").setAttribute("aria-live", "polite");
   drawOverlay();
 }

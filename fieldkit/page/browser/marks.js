@@ -8,7 +8,7 @@ async function openMarks(session) {
   Object.assign(marks, { session, shown: "" });
   const answer = await listMarks();
   if (!answer.ok) return showAnswer(answer);
-  say($("marks-title"), `Marks of ${session ? session.title || session.id : status.state.session}`);
+  say($("marks-title"), phrase("marks.title.of", { session: session ? session.title || session.id : status.state.session }));
   if (!$("marks-dialog").open) $("marks-dialog").showModal();
   $("marks-title").focus();
   clearInterval(marks.timer);
@@ -18,11 +18,11 @@ async function openMarks(session) {
 const ofMarks = (what) => request({ ...what, session: marks.session?.id ?? null });
 
 async function listMarks() {
-  const answer = await ofMarks({ do: "marks" }), found = JSON.stringify(answer.data);
-  if (!answer.ok || found === marks.shown) return answer;
-  marks.shown = found;
+  const answer = await ofMarks({ do: "marks" }), listed = JSON.stringify(answer.data);
+  if (!answer.ok || listed === marks.shown) return answer;
+  marks.shown = listed;
   const list = $("mark-list"), touched = [...list.children].findIndex((item) => item.contains(document.activeElement));
-  list.replaceChildren(...(answer.data.length ? answer.data.map(markItem) : [el("li", {}, "No marks yet.")]));
+  list.replaceChildren(...(answer.data.length ? answer.data.map(markItem) : [el("li", {}, phrase("marks.none"))]));
   list.children[touched]?.querySelector("button")?.focus(); // it was replaced
   return answer;
 }
@@ -30,24 +30,24 @@ async function listMarks() {
 async function correctMark(what) {
   const error = $("marks-dialog").querySelector(".error"), answer = await ofMarks(what);
   error.hidden = answer.ok;
-  say(error, answer.ok ? "" : [answer.text, answer.fix].filter(Boolean).join(" "));
+  say(error, answer.ok ? "" : answerText(answer));
   listMarks();
 }
 
 function markItem(mark) {
-  const words = `${mark.mark}: ${clockTime(mark.time_ms)} ${mark.words}`;
-  const button = (text, onclick) => el("button", { type: "button", "aria-label": `${text} mark ${words}`, onclick }, text);
-  return el("li", { class: mark.counts ? null : "gone" }, el("p", {}, words, mark.counts ? null : el("small", {}, " taken back")),
+  const words = `${mark.mark}: ${clockTime(mark.time_ms)} ${markText(mark)}`;
+  const button = (key, onclick) => el("button", { type: "button", "aria-label": phrase("marks.button", { action: phrase(key), mark: words }), onclick }, phrase(key));
+  return el("li", { class: mark.counts ? null : "gone" }, el("p", {}, words, mark.counts ? null : el("small", {}, ` ${phrase("marks.taken_back")}`)),
     el("div", { class: "buttons" }, ...(mark.counts
-      ? [button("Edit", () => editMark(mark)), button("Take back", () => correctMark({ do: "take_back", mark: mark.mark }))]
-      : [button("Count again", () => correctMark({ do: "edit_mark", mark: mark.mark }))])));
+      ? [button("action.edit", () => editMark(mark)), button("marks.take_back", () => correctMark({ do: "take_back", mark: mark.mark }))]
+      : [button("marks.restore", () => correctMark({ do: "edit_mark", mark: mark.mark }))])));
 }
 
 function editMark(mark) {
   const { session } = marks;
   $("marks-dialog").close();
   const field = openMarkFields(true);
-  const kinds = [...field.kind].map((one) => one.value);
+  const kinds = [...field.kind].map((choice) => choice.value);
   field.kind.value = kinds.includes(mark.kind) ? mark.kind : "";
   field.text.value = mark.text;
   ask("mark-dialog", (now) => ({
@@ -62,7 +62,7 @@ function openMarkFields(isEdit) {
   const form = $("mark-dialog").querySelector("form"), field = form.elements;
   form.reset();
   form.classList.toggle("editing", isEdit);
-  say($("mark-title"), isEdit ? "Edit mark" : "Mark");
+  say($("mark-title"), phrase(isEdit ? "mark.title.edit" : "mark.title"));
   $("mark-kept").hidden = !isEdit;
   field.at.value = isEdit ? "same" : "-0s";
   showFields();

@@ -36,7 +36,7 @@ function draftShape(draft) {
 function cornerShapes([x, y], i) {
   const hit = el("circle", {
     class: "hit", cx: x, cy: y, r: HIT_PX / zoom(), tabindex: 0, role: "button", "data-corner": i,
-    "aria-label": `Corner ${i + 1} at ${x}, ${y}: arrow keys move it, Delete removes it, Insert adds one after it`,
+    "aria-label": phrase("drawing.corner", { number: i + 1, x, y }),
   });
   return [el("circle", { class: "dot", cx: x, cy: y, r: 6 / zoom() }), hit];
 }

@@ -2,18 +2,18 @@
 
 const past = { session: null };
 
-/** Show a session's picture in place of the live ones; a promise of `{ok, text, fix}`. */
+/** Show a session's picture in place of the live ones; a promise of its answer. */
 async function openPast(session) {
-  if (status.state.phase === "recording") return { ok: false, text: "Regions drawn now would be those of the recording.", fix: "Stop it first." };
+  if (status.state.phase === "recording") return unanswered("past.recording");
   const response = await fetch(session.picture_url).catch(() => null);
-  if (!response?.ok) return { ok: false, text: (await response?.text()) ?? "The picture did not come.", fix: "Try again." };
+  if (!response?.ok) return unanswered("past.no_image");
   past.session = session;
   showSuggestions([]);
   choosePictures();
   await takePicture(await response.arrayBuffer());
   $("past-slopes").replaceChildren();
   $("past").hidden = false;
-  say($("past-title"), `${session.title || session.id}, ${dayTime(session.started_ms)}: draw regions on it, then estimate it anew.`);
+  say($("past-title"), phrase("past.title", { session: session.title || session.id, time: dayTime(session.started_ms) }));
   window.scrollTo(0, 0);
   $("past-title").focus({ preventScroll: true });
   return { ok: true };
@@ -31,19 +31,19 @@ function leavePast() {
 async function estimatePast() {
   const button = $("estimate-past"), { session } = past;
   button.disabled = true;
-  $("past-slopes").replaceChildren(el("li", {}, "Estimating …"));
+  $("past-slopes").replaceChildren(el("li", {}, phrase("past.estimating")));
   const answer = await request({ do: "estimate_session", session: session.id });
   button.disabled = false;
   if (past.session !== session) return;
-  const lines = answer.ok ? answer.data.map(slopeLine) : [el("li", { class: "error" }, [answer.text, answer.fix].filter(Boolean).join(" "))];
-  $("past-slopes").replaceChildren(...(lines.length ? lines : [el("li", {}, "No slopes: draw a target, and a reference where the slope is known.")]));
+  const lines = answer.ok ? answer.data.map(slopeLine) : [el("li", { class: "error" }, answerText(answer))];
+  $("past-slopes").replaceChildren(...(lines.length ? lines : [el("li", {}, phrase("past.no_slopes"))]));
 }
 
 /** A slope with its likelihood region, or why there is none. */
-function slopeLine({ region, state, reason, tilt_deg: tilt, tilt_region_deg: tilts, azimuth_deg: azimuth, azimuth_region_deg: azimuths }) {
-  const angle = (value, [low, high], digits) => `${number(value, digits)}° (${number(low, digits)} to ${number(high, digits)})`;
-  const slope = Number.isFinite(tilt) ? `tilt ${angle(tilt, tilts, 1)}, azimuth ${angle(azimuth, azimuths, 0)}` : "no slope";
-  return el("li", {}, `${region}: ${slope}`, el("span", {}, [state.replaceAll("_", " "), reason].filter(Boolean).join(": ")));
+function slopeLine({ region, state, tilt_deg: tilt, tilt_region_deg: tilts, azimuth_deg: azimuth, azimuth_region_deg: azimuths }) {
+  const angle = (value, [low, high], digits) => `${number(value, digits)}° (${number(low, digits)}–${number(high, digits)})`;
+  const slope = Number.isFinite(tilt) ? phrase("past.slope", { tilt: angle(tilt, tilts, 1), azimuth: angle(azimuth, azimuths, 0) }) : phrase("past.no_slope");
+  return el("li", {}, `${region}: ${slope}`, el("span", {}, stateText({ state, tilt_high_deg: tilts[1] })));
 }
 
 on("state", ({ phase }) => { if (phase === "recording") leavePast(); }); // regions drawn now are those of the recording

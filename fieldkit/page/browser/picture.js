@@ -3,7 +3,6 @@
 // 256 x red, green, blue
 const PALETTES = { inferno: Uint8Array.from(atob("{{inferno}}"), (character) => character.charCodeAt(0)) };
 for (const [name, colours] of Object.entries({{palettes}})) PALETTES[name] = ramp(colours);
-const WORDS_OF = { cividis: "cividis, for the colour-blind" };
 const STALE_AFTER = 2.5; // intervals: two expected pictures did not come
 const UNKNOWN_INTERVAL_MS = 3000;
 
@@ -123,8 +122,8 @@ function showStale() {
   const stale = !past.session && ageMs > Math.max(600, STALE_AFTER * interval());
   stage.classList.toggle("stale", stale);
   $("stale").hidden = !stale;
-  if (stale) say($("stale"), `Picture is ${duration(Math.max(1, ageMs / 1000))} old`);
-  say($("age"), stale ? "" : past.session ? "recorded" : localTime(picture.header.time_ms));
+  if (stale) say($("stale"), phrase("image.stale", { age: duration(Math.max(1, ageMs / 1000)) }));
+  say($("age"), stale ? "" : past.session ? phrase("image.recorded") : localTime(picture.header.time_ms));
 }
 
 /** 256 colours in even steps between those given in hexadecimal. */
@@ -157,7 +156,7 @@ function describePicture() {
   if (!picture.header) return;
   const names = regions.list.map((region) => region.name).join(", ");
   stage.setAttribute("aria-label",
-    `Thermal picture, ${$("low").textContent} to ${$("high").textContent}; ${names ? `regions ${names}` : "no regions"}`);
+    phrase(names ? "image.described" : "image.described.empty", { low: $("low").textContent, high: $("high").textContent, names }));
 }
 
 function lockScale(values) {
@@ -211,7 +210,7 @@ async function showProbe() {
 
 function showValue(x, y, celsius) {
   const [value, unit] = inUnit(celsius, picture.header.unit);
-  say($("value"), `${number(value, 2)} ${unit} at ${x}, ${y}`);
+  say($("value"), phrase("image.value", { value: number(value, 2), unit, x, y }));
 }
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -251,7 +250,7 @@ $("exact").onclick = () => {
   choosePictures();
 };
 new ResizeObserver(() => drawOverlay()).observe(stage);
-$("palette").append(...Object.keys(PALETTES).map((name) => el("option", { value: name }, WORDS_OF[name] ?? name.replace("-", " "))));
+$("palette").append(...Object.keys(PALETTES).map((name) => el("option", { value: name }, wordFor("palette", name))));
 $("palette").value = localStorage.getItem("palette") in PALETTES ? localStorage.getItem("palette") : "inferno";
 $("palette").onchange = () => choosePalette($("palette").value);
 choosePalette($("palette").value);

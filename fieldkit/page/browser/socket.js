@@ -10,10 +10,10 @@ function on(type, handler) {
   (link.handlers[type] ??= []).push(handler);
 }
 
-/** Send a request; a promise of its answer `{ok, text, fix, data}`, which never fails. */
+/** Send a request; a promise of its answer, for `answerText`, which never fails. */
 function request(what) {
   if (link.socket?.readyState !== WebSocket.OPEN) {
-    return Promise.resolve({ ok: false, text: "Not connected: nothing was sent.", fix: "Try again when the page is back." });
+    return Promise.resolve(unanswered("connection.unsent"));
   }
   const id = link.next++;
   link.socket.send(JSON.stringify({ ...what, id }));
@@ -49,7 +49,7 @@ function closed(socket, reason = "") {
   link.socket = null;
   link.lostMs ??= performance.now();
   for (const resolve of link.waiting.values()) {
-    resolve({ ok: false, text: "The connection was lost before the answer came.", fix: "Check the state, then try again." });
+    resolve(unanswered("connection.unanswered"));
   }
   link.waiting.clear();
   showConnection(reason);
@@ -76,22 +76,23 @@ async function useKey() {
     const answer = await fetch("/key", {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ key }),
     });
-    if (!answer.ok) link.refused = await answer.json(); // {text, fix}
+    if (!answer.ok) link.refused = (await answer.json()).key;
   } catch {
-    link.refused = { text: "The link could not be used." };
+    link.refused = "refused.link";
   }
 }
 
 function showNoKey() {
-  const refused = link.refused ?? { text: "This browser has no key for the page.", fix: "Open the link that fieldkit page printed." };
-  say($("state"), "Not connected");
-  say($("connection"), [refused.text, refused.fix].filter(Boolean).join(" "));
+  say($("state"), phrase("phase.unconnected"));
+  const key = link.refused ?? "refused.no_key";
+  say($("connection"), phrase(key));
+  $("connection").dataset.key = key;
   $("connection").hidden = false;
 }
 
 function showConnection(reason = "") {
   const lost = link.lostMs !== null;
-  if (lost) say($("connection"), `${reason ? `Not connected: ${reason}.` : "Connection lost."} Connecting again; what you see is old.`);
+  if (lost) say($("connection"), phrase("connection.lost", { reason: wordFor("closed", reason || "lost") }));
   $("connection").hidden = !lost;
   document.body.classList.toggle("offline", lost);
 }
@@ -109,5 +110,5 @@ on("hello", (hello) => {
   const back = link.lostMs !== null;
   Object.assign(link, { role: hello.role, tries: 0, lostMs: null });
   showConnection();
-  if (back) showAnswer({ ok: true, text: "Connected again." });
+  if (back) showAnswer({ ok: true, key: "connection.back" });
 });

@@ -23,10 +23,10 @@ function suggestionButton(region) {
   const { name, kind, points_px, contrast_k: contrast } = region;
   const add = async () => {
     const answer = await request({ do: "add_region", region: { name, kind, points_px } });
-    if (answer.ok) showSuggestions(suggesting.list.filter((one) => one !== region));
+    if (answer.ok) showSuggestions(suggesting.list.filter((other) => other !== region));
     showAnswer(answer);
   };
-  return el("button", { type: "button", onclick: add }, `Add ${name}`, el("small", {}, `${kind}, ${number(contrast, 1)} K`));
+  return el("button", { type: "button", onclick: add }, phrase("suggest.add", { name }), el("small", {}, `${wordFor("kind", kind)}, ${number(contrast, 1)} K`));
 }
 
 $("suggest").onclick = suggestRegions;

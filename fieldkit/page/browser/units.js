@@ -10,7 +10,7 @@ const fromDisplayed = (value) => (temperature.unit === "°F" ? (value - 32) / 1.
 const inUnit = (value, unit = "°C") => (unit === "°C" ? [displayed(value), temperature.unit] : [value, unit]);
 
 function labelUnits() {
-  for (const one of document.querySelectorAll(".unit")) say(one, temperature.unit);
+  for (const label of document.querySelectorAll(".unit")) say(label, temperature.unit);
 }
 
 /** Show everything anew in another unit; the choice is kept on this device. */

@@ -4,7 +4,10 @@ import gzip
 import re
 from html.parser import HTMLParser
 
+import pytest
+
 from fieldkit.page.document import document
+from fieldkit.page.phrases import LANGUAGES
 
 MAX_GZIP_BYTES = 40_000
 NONCE = "aB3-_x"
@@ -22,8 +25,10 @@ class Elements(HTMLParser):
         self.found.append((tag, dict(attrs)))
 
 
-def test_it_is_small_and_every_placeholder_is_filled():
-    page = document(NONCE)
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_it_is_small_and_every_placeholder_is_filled(language):
+    page = document(NONCE, language)
+    assert f'lang="{language}"' in page
     assert len(gzip.compress(page.encode())) <= MAX_GZIP_BYTES
     assert "{{" not in page
 

@@ -50,10 +50,10 @@ def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_s
 
     async def asked() -> Path:
         past = sessions_beside(session)
-        making = past.report(identifier(session))
+        making = past.product("report", identifier(session))
         assert isinstance(making, asyncio.Task)
         await making
-        report = past.report(identifier(session))
+        report = past.product("report", identifier(session))
         assert isinstance(report, Path), "it is made again and again"
         return report
 
@@ -73,7 +73,7 @@ def test_a_report_waits_for_one_check_at_most(session, monkeypatch):
         past = sessions_beside(session)
         checks = [asyncio.create_task(past.check(identifier(session))) for _ in range(5)]
         await asyncio.sleep(0)  # they begin, or wait
-        report = past.report(identifier(session))
+        report = past.product("report", identifier(session))
         assert isinstance(report, asyncio.Task)
         await asyncio.gather(report, *checks)
 

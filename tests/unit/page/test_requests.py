@@ -88,7 +88,7 @@ def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
 
 
 @pytest.mark.parametrize(
-    ("body", "place", "fix"),
+    ("body", "place", "key"),
     [
         ({"do": "start", "until": ""}, "start.until", "empty"),
         ({"do": "start", "duration": ""}, "start.duration", "empty"),
@@ -97,10 +97,10 @@ def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
         ({"do": "mark", "text": "\x00"}, "mark.text", "not_text"),
     ],
 )
-def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, place, fix):
+def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, place, key):
     with pytest.raises(BadRequestError, check=at(place)) as error:
         parse(json.dumps(body))
-    assert error.value.fix == requests.FIXES[fix]
+    assert error.value.key == f"refused.{key}"
 
 
 @pytest.mark.parametrize(

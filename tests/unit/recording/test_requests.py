@@ -252,7 +252,8 @@ def test_a_bad_region_is_refused_and_the_others_stay(folder, clock, bed, corners
     assert (event.kind, event.severity) == (EventKind.REGION, Severity.WARNING)
     assert event.text.startswith("regions not changed: ")
     assert why in event.text
-    assert event.data == {"request": number}
+    assert event.data["request"] == number
+    assert event.text.endswith("; ".join(event.data["refusals"]))
     assert redrawing.regions == (flat,)
 
 

@@ -57,7 +57,7 @@ def same(one: object, other: object) -> bool:
 
 
 @pytest.mark.parametrize(
-    "item", [EVENT, READING, HEALTH, minute(1), Trend([1], {"a": [2.0]}, {"a": [math.nan]})]
+    "item", [EVENT, READING, HEALTH, minute(1), Trend([1], [True], {"tilt_deg": {"a": [math.nan]}})]
 )
 def test_items_come_out_as_they_went_in(item):
     message = encode(item)
@@ -90,7 +90,7 @@ def test_a_reader_receives_what_is_known_and_then_what_comes(feed, path):
     start, trend = next(items), next(items)
     assert same(start, FeedStart(SITE, REGIONS, STREAMS, "day", 10**18, 2))
     assert trend.times_ns == [1, 2]
-    assert trend.tilt_deg == {"b15": [16.0, 17.0]}
+    assert trend.columns["tilt_deg"] == {"b15": [16.0, 17.0]}
     known = {type(next(items)).__name__ for _ in range(5)}
     assert known == {"Frame", "Reading", "Event", "Health", "Minute"}
     feed.show(EVENT)
@@ -103,7 +103,7 @@ def test_a_minute_counts_once_in_the_trend_although_a_reader_receives_it_twice()
     latest = Latest(SITE, REGIONS, STREAMS)
     for item in (minute(1), minute(2), minute(2)):
         latest.update(item)
-    assert (latest.trend.times_ns, latest.trend.tilt_deg) == ([1, 2], {"b15": [16.0, 17.0]})
+    assert (latest.trend.times_ns, latest.trend.columns["tilt_deg"]) == ([1, 2], {"b15": [16.0, 17.0]})
 
 
 def test_only_this_user_can_open_it(feed, path):

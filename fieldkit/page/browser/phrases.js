@@ -1,0 +1,43 @@
+// Every text of the page, from the catalogue of its language; what happened arrives as kinds and values.
+
+const TEXTS = {{texts}};
+const LANGUAGES = {{languages}}; // their own names by code
+
+/** The text of a key with its `{slots}` filled. */
+const phrase = (key, values = {}) => TEXTS[key].replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+
+/** The word for a name of the product, such as a state; a name that the catalogue has not is shown as it is. */
+const wordFor = (group, name) => TEXTS[`${group}.${name}`] ?? name;
+
+/** An event by the most particular text that the catalogue has for its kind and data, whose later names are more particular. */
+function eventText({ kind, stream, severity, time_ms, text, data }) {
+  const names = Object.keys(data).reverse().flatMap((name) => [`.${name}.${data.phase}`, `.${name}.${data[name]}`, `.${name}`]);
+  const key = [...names, `.${data.phase}`, `.${severity}`, ""].map((end) => `event.${kind}${end}`).find((name) => name in TEXTS);
+  const values = Object.fromEntries(Object.entries(data).map(([name, value]) => [name, shownValue(name, value)]));
+  const mark = markText({ kind: data.label, text, time_ms, end_ms: data.end_ns / 1e6 });
+  return key ? phrase(key, { ...values, stream, mark, alarm: data.condition && alarmText(data) }) : text;
+}
+
+/** A value of an event's data: durations and times by the unit in their name, numbers with two decimals at most. */
+function shownValue(name, value) {
+  if (name.endsWith("_s")) return duration(value);
+  if (name.endsWith("_ns")) return value > 1e17 ? clockTime(value / 1e6, minuteTime) : `${value < 0 ? "−" : ""}${duration(Math.abs(value) / 1e9)}`;
+  return typeof value === "number" ? number(value, value % 1 ? 2 : 0) : Array.isArray(value) ? value.join(", ") : value;
+}
+
+/** A mark with its kind and how long it lasted: `cloud, 3 min: over the ridge`. */
+function markText({ kind, text, time_ms: start, end_ms: end }) {
+  const about = [kind && wordFor("mark.kind", kind), end > start ? duration((end - start) / 1000) : ""].filter(Boolean).join(", ");
+  return about && text !== kind ? `${about}: ${text}` : about || text;
+}
+
+const alarmText = ({ condition, subject }) => phrase(`alarm.${condition}`, { subject });
+
+/** What a request did, or why not and what to do next. */
+function answerText({ key, event, data, text, fix }) {
+  if (event) return eventText(event);
+  return key ? phrase(key, data ?? {}) : [text, fix].filter(Boolean).join(" ");
+}
+
+/** An answer that never left this page. */
+const unanswered = (key) => ({ ok: false, key });

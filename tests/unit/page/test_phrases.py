@@ -1,0 +1,75 @@
+"""The catalogue of the page: whole in every language, and with a text for whatever can happen."""
+
+import re
+from importlib import resources
+from importlib.resources.abc import Traversable
+
+import pytest
+
+from fieldkit.model.alarm import Condition
+from fieldkit.model.samples import EventKind
+from fieldkit.model.slope import SlopeState
+from fieldkit.page.phrases import LANGUAGES, PageError, phrases, preferred_language
+from fieldkit.page.requests import TYPED
+
+PAGE = resources.files("fieldkit.page")
+NEVER_LIVE = {EventKind.CLOCK_CHECK, EventKind.IMPORTED}
+
+
+def source(folder: Traversable, *suffixes: str) -> str:
+    return "\n".join(file.read_text("utf-8") for file in folder.iterdir() if file.name.endswith(suffixes))
+
+
+CODE, SERVER = source(PAGE / "browser", ".js", ".html"), source(PAGE, ".py")
+
+
+def slots(texts: dict[str, str]) -> dict[str, set[str]]:
+    return {key: set(re.findall(r"\{(\w+)\}", text)) for key, text in texts.items()}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_language_has_every_text_with_its_slots(language):
+    assert slots(phrases(language)) == slots(phrases())
+
+
+def test_every_text_that_the_code_names_is_there():
+    named = re.findall(r'(?:phrase|unanswered)\("([\w.-]+)"', CODE)
+    named += re.findall(r"\{\{(\w+\.[\w.-]+)\}\}", CODE) + re.findall(r'"(done\.\w+)"', SERVER)
+    named += [f"refused.{key}" for key in (*re.findall(r'PageError\("(\w+)"', SERVER), *TYPED, "reload")]
+    reasons = re.findall(r'(?:leave\((?:\w+(?:\[0\])?, )?|LeftError\()"(\w+)"', SERVER)
+    named += [f"closed.{reason}" for reason in reasons]
+    assert len(named) > 200
+    assert len(reasons) >= 4
+    assert set(named) <= phrases().keys()
+
+
+@pytest.mark.parametrize(
+    ("group", "names"),
+    [
+        ("event", {kind.name.lower() for kind in EventKind if kind not in NEVER_LIVE}),
+        ("alarm", {condition.value for condition in Condition}),
+        ("state", {state.name.lower() for state in SlopeState}),
+    ],
+)
+def test_whatever_can_happen_has_a_text(group, names):
+    assert names <= {key.split(".")[1] for key in phrases() if key.startswith(f"{group}.")}
+
+
+@pytest.mark.parametrize(
+    ("accepted", "chosen", "language"),
+    [
+        ("ja,en-US;q=0.9,en;q=0.8", "", "ja"),
+        ("de-CH, ja;q=0.5", "", "ja"),
+        ("ja", "en", "en"),
+        ("de", "../../etc", "en"),
+        ("", "", "en"),
+    ],
+)
+def test_the_language_is_the_one_chosen_or_preferred(accepted, chosen, language):
+    assert preferred_language(accepted, chosen) == language
+
+
+def test_an_error_of_the_page_has_its_values():
+    error = PageError("silent", seconds="5")
+    assert "5 s" in error.message
+    assert (error.key, error.values) == ("refused.silent", {"seconds": "5"})
