@@ -25,7 +25,6 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
-from fieldkit.page.keys import Keys
 from fieldkit.page.outgoing import without_commands
 from fieldkit.page.phrases import PageError
 from fieldkit.page.sessions import PastSessions, identifier
@@ -90,7 +89,6 @@ class Answers:
     hub: Hub
     conductor: Conductor
     past: PastSessions
-    keys: Keys
     _queries: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(QUERIES_AT_ONCE))
 
     async def to(self, viewer: Viewer, request: requests.Request) -> Document:
@@ -136,9 +134,6 @@ class Answers:
                 return await asyncio.to_thread(self._set_skyline, request)
             case requests.SuggestRegions():
                 return Done(data=await asyncio.to_thread(self._suggestions, request))
-            case requests.Link():
-                key = await asyncio.to_thread(self.keys.new_link, request.role)
-                return Done("done.link", {"key": key})
             case _:
                 return await self._redraw(request)
 

@@ -50,16 +50,12 @@ def _document(language: str) -> str:
     """The document but for its nonce."""
     texts = phrases(language)
     languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
-    slots = {"texts": _json(texts), "palettes": _json(STOPS), "languages": _json(languages)}
+    data = {"texts": texts, "palettes": STOPS, "languages": languages}
+    slots = {name: json.dumps(value, ensure_ascii=False) for name, value in data.items()}
     slots["inferno"] = base64.b64encode(palette().tobytes()).decode()
     script = _fill("\n".join(map(_part, SCRIPTS)), slots)
     page = {"nonce": "{{nonce}}", "style": _part("page.css"), "script": script}
     return _fill(_part("page.html"), {key: escape(text) for key, text in texts.items()} | page)
-
-
-def _json(value: dict[str, str]) -> str:
-    """A value for the script, which no text in it can end."""
-    return json.dumps(value, ensure_ascii=False).replace("<", "\\u003c")
 
 
 def _fill(text: str, slots: dict[str, str]) -> str:

@@ -27,7 +27,6 @@ from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
 from fieldkit.page.viewer import Role, Viewer
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.recording.preflight import sampling_of
 from fieldkit.recording.preview import missing_instruments
 from fieldkit.results.json_document import attributes, plain_json
 from fieldkit.sessions.layout import MAX_REGIONS
@@ -190,9 +189,8 @@ class Hub:
     def _hello(self, role: Role) -> dict[str, Any]:
         config, site = self.config, self.config.site
         name = config.tables.campaign.title or config.directory.name
-        place = {"latitude": site.latitude_deg, "longitude": site.longitude_deg, "zone": site.timezone}
         about = {"type": "hello", "role": role, "version": __version__, "campaign": name}
-        return {**about, "site": {"name": name, **place}, "simulated": config.tables.simulation is not None}
+        return {**about, "site": {"zone": site.timezone}, "simulated": config.tables.simulation is not None}
 
     def _state(self) -> dict[str, Any]:
         state = self.state
@@ -204,10 +202,9 @@ class Hub:
 
     def _so_far(self) -> list[dict[str, Any]]:
         latest = self.latest
-        every_s = sampling_of(self.config).every_s if self.state.phase == "recording" else None
         streams = tuple(latest.streams.values())
         messages = [
-            outgoing.streams(streams, every_s, missing_instruments(self.config, streams)),
+            outgoing.streams(streams, missing_instruments(self.config, streams)),
             outgoing.regions(latest.regions),
         ]
         if latest.minute is not None:

@@ -50,20 +50,14 @@ def in_words(text: Text) -> str:
     return str(text)
 
 
-def streams(
-    infos: Sequence[StreamInfo], frames_every_s: float | None = None, missing: Sequence[str] = ()
-) -> Document:
-    """The instruments, and the names of `missing` ones; `frames_every_s` where only bursts are kept."""
-    rows = [_stream(info, frames_every_s) for info in infos]
-    return {"type": "streams", "streams": rows, "missing": missing}
+def streams(infos: Sequence[StreamInfo], missing: Sequence[str]) -> Document:
+    """The instruments, and the names of configured ones that are missing."""
+    return {"type": "streams", "streams": [_stream(info) for info in infos], "missing": missing}
 
 
-def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
+def _stream(info: StreamInfo) -> Document:
     rows, cols = info.shape if info.is_camera else (0, 0)
-    channels = [] if info.is_camera else list(info.channel_names)
-    every_s = frames_every_s if info.is_camera else None
-    shape = {"channels": channels, "rows": rows, "cols": cols, "every_s": every_s}
-    return attributes(info, "name", "quantity", "unit", "is_camera") | shape
+    return attributes(info, "name", "quantity", "is_camera") | {"rows": rows, "cols": cols}
 
 
 def regions(regions: Sequence[Region]) -> Document:
@@ -155,7 +149,7 @@ def _present(latest: Latest, info: StreamInfo) -> Document:
     counts = attributes(health, "dropped", "rejected", "implausible")
     counts |= {"samples": health.received, "gaps": latest.gaps.get(info.name, 0)}
     values, unit = _values(latest, info)
-    reading = {"value": values[0] if values else None, "values": values, "unit": unit}
+    reading = {"value": values[0] if values else None, "unit": unit}
     return {**counts, "rate_hz": latest.rate_hz(info.name), "age_s": latest.age_s(info.name), **reading}
 
 

@@ -244,13 +244,6 @@ class SuggestRegions(_Request):
     session: Word | None = None
 
 
-class Link(_Request):
-    """A one-time link for another browser."""
-
-    do: Literal["link"]
-    role: Literal["view", "control"]
-
-
 Redrawing = AddRegion | EditRegion | RemoveRegion
 ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession | SessionSlopes | Marks
 ForControl = (
@@ -265,7 +258,6 @@ ForControl = (
     | Redrawing
     | Skyline
     | SuggestRegions
-    | Link
 )
 Request = ForAnyone | ForControl
 FOR_ANYONE: tuple[type[_Request], ...] = get_args(ForAnyone)

@@ -93,7 +93,7 @@ class Page:
         self.hub: Hub = Hub(self.config)
         self.conductor: Conductor = Conductor(self.config, self.hub, self.settings, preview=self.preview)
         self.past: PastSessions = PastSessions(self.config)
-        self.answers: Answers = Answers(self.config, self.hub, self.conductor, self.past, self.keys)
+        self.answers: Answers = Answers(self.config, self.hub, self.conductor, self.past)
 
     @property
     def cookie(self) -> str:

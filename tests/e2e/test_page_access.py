@@ -248,7 +248,6 @@ CONTROL_ONLY = (
     {"do": "remove_region", "name": "b15", "confirm": True},
     {"do": "skyline", "points": [[1, 20], [30, 2]]},
     {"do": "suggest_regions"},
-    {"do": "link", "role": "control"},
 )
 
 

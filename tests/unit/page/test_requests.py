@@ -34,7 +34,6 @@ GOOD: list[dict[str, Any]] = [
     {"do": "marks", "session": None},
     {"do": "take_back", "mark": 2},
     {"do": "edit_mark", "mark": 1, "text": "b15 shaded", "kind": "shade", "at": "12:14"},
-    {"do": "link", "role": "view"},
 ]
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
