@@ -6,12 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldkit.estimation.learned.bank import Affine, Innovation, KalmanBank
+from fieldkit.estimation.learned.bank import Affine, Innovation, KalmanBank, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import OWN_K, Noise
-from fieldkit.estimation.learned.prior_state import DAY_TO_DAY, prior_covariance, prior_mean
+from fieldkit.estimation.learned.prior_state import (
+    DAY_TO_DAY,
+    past_of_first_flux,
+    prior_covariance,
+    prior_mean,
+)
 from fieldkit.estimation.learned.surface import SurfaceModel
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
@@ -49,6 +54,7 @@ class Filters(KalmanBank):
         self.log_likelihood: FloatArray = np.zeros(hypotheses.exchange.size)
         self._settings = settings
         self._begin(*start)
+        self._fill_stores(start.first)
 
     @property
     def exchange(self) -> FloatArray:
@@ -73,6 +79,7 @@ class Filters(KalmanBank):
         # weather stays with its day: this session's exchange is as uncertain as the first one's was
         spread = self._settings.prior.exchange_log_sd * self.hypotheses.exchange
         self.covariance[:, exchange, exchange] = spread**2
+        self._fill_stores(start.first)
 
     def _begin(
         self, first: MinuteInputs, logged: Logged, around: FloatArray | None, noise: Noise | None
@@ -92,6 +99,13 @@ class Filters(KalmanBank):
             self.covariance[:, place, place] = variance
         self._taken_k: FloatArray = np.tile(first.temperature_k, (len(covariance), 1))
         self._flux: Affine | None = None
+
+    def _fill_stores(self, first: MinuteInputs) -> None:
+        """Fill the stores by fluxes before the first minute that were like its own."""
+        flux = self.model.flux(first, self.model.light(first, self.mean, self.covariance), self._taken_k)
+        constant = np.ones(self.layout.size)
+        into = past_of_first_flux(self.layout)
+        self.predict(Transition(constant, into, flux), np.zeros_like(self.mean))
 
     def step(self, minute: MinuteInputs) -> Innovation:
         """Predict a minute from the one before, and correct the states by its temperatures."""

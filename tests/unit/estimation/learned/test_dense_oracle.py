@@ -54,11 +54,9 @@ class FrozenModel(surface.SurfaceModel):
     def light(self, minute, mean, covariance):
         return super().light(minute, self.fixed[np.newaxis], np.zeros((1, self.fixed.size, self.fixed.size)))
 
-    def flux(self, minute, region):
+    def flux_of(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        flux = self._flux(
-            minute, self._sources(minute, self.light(minute, None, None)), minute.temperature_k[np.newaxis]
-        )
+        flux = self.flux(minute, self.light(minute, None, None), minute.temperature_k[np.newaxis])
         return flux.rows[0, region], flux.constant[0, region]
 
 
@@ -286,7 +284,7 @@ class Dense:
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
         rows, constant = np.zeros((self.count, self.unknowns.size)), np.zeros(self.count)
         for number, minute in enumerate(self.minutes):
-            flux, constant[number] = self.model.flux(minute, region)
+            flux, constant[number] = self.model.flux_of(minute, region)
             for place, unknown in self._places(number):
                 rows[number, unknown] = flux[place]
             for target in range(self.layout.stated):
@@ -313,9 +311,13 @@ class Dense:
         losses = np.diag(steepness + own_exchange(*about) * (1.0 + further / DRAWN.exchange[0]))
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
-        ends = 60.0 * constants.PAST_MINUTES
-        for number, (late, early) in enumerate(pairwise(ends)):
-            past = by_minute(modes, -early, -late, n)
+        known = conducted @ (constant + losses @ taken_k)
+        for number, (late, early) in enumerate(pairwise(constants.PAST_MINUTES)):
+            past = by_minute(modes, -60.0 * early, -60.0 * late, n)
+            # as the first flux, the less the longer ago, beside what is unknown
+            like_first = np.exp(-0.5 * (late + early) / constants.PAST_HOLDS_MIN) * past
+            free += np.outer(like_first, rows[0])
+            known += like_first * constant[0]
             free[:, self.blocks["past"].start + number] += past
             free[:, self.blocks[f"past{region}"].start + number] += past
         moment, beam = self.blocks["moment"].start, self.blocks["beam"].start
@@ -325,7 +327,6 @@ class Dense:
             level_k = fixed[self.layout.stores(region).start]
             free[:, self.blocks[f"own_response{region - 1}"].start] += taken_k - level_k
         # T = free + R (c - L (T - taken))
-        known = conducted @ (constant + losses @ taken_k)
         both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))
         return both[:, :-1], both[:, -1]
 
