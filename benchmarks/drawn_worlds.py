@@ -49,12 +49,13 @@ GUESSED = Spread(
 DRIFT_SD_K_PER_H = 0.1
 SOUTH, RANDOM = "south", "random"
 CLEAR, BROKEN_CLOUD, AUGUST, JUNE = "clear", "broken", "august", "june"
+FEBRUARY, OCTOBER = "february", "october"
 NOON_H, LEAD_MIN, SESSION_MIN = 12.0, 180, 180
 BOARD_MIN, FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN = 5, 10, 15
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
-PAPER_DAY_NS = int(np.datetime64("2017-08-30", "ns").astype(np.int64))
-SOLSTICE_NS = int(np.datetime64("2017-06-21", "ns").astype(np.int64))
+FORMULA_DAYS = {AUGUST: "2017-08-30", JUNE: "2017-06-21", FEBRUARY: "2017-02-15", OCTOBER: "2017-10-20"}
+"""Days by formula at the paper's site; the first is the paper's."""
 DAY_NS = 1440 * MINUTE_NS
 
 
@@ -98,8 +99,7 @@ def drawn_world(
     seed
         Of everything drawn.
     day
-        ``"clear"`` or ``"broken"`` at Alamosa, ``"august"`` or ``"june"`` by formula at the paper's site, or
-        the path of a station's file.
+        ``"clear"`` or ``"broken"`` at Alamosa, a key of `FORMULA_DAYS`, or the path of a station's file.
     beds
         ``"south"`` for 5, 15 and 25 degrees to the south, ``"random"`` for 3 to 30 degrees to any side.
     as_configured
@@ -190,8 +190,11 @@ def _model(
 
 def day_of(day: str) -> tuple[Site, Sky, int]:
     """Site, sky and local noon, to the hour of the mean sun, of a day."""
-    if day in (AUGUST, JUNE):
-        return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, PAPER_DAY_NS if day == AUGUST else SOLSTICE_NS)
+    if day in FORMULA_DAYS:
+        date_ns = int(np.datetime64(FORMULA_DAYS[day], "ns").astype(np.int64))
+        # winter days are cooler than the formula's summer
+        warmth_k = 300.0 if day in (AUGUST, JUNE) else 285.0
+        return PAPER_SITE, ClearSky(air_temperature_k=warmth_k), _noon_ns(PAPER_SITE, date_ns)
     weather = (
         packaged_day() if day == CLEAR else read_station_file(BROKEN if day == BROKEN_CLOUD else Path(day))
     )

@@ -66,18 +66,19 @@ def without_wind(history: History) -> History:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """The estimate after some minutes of a session, and the goals for its mean error, degrees."""
+    """The estimate after some minutes of a session; goals of its mean error and half-width, degrees."""
 
     minutes: int
     must_deg: float = float("nan")
     bound_deg: float = float("nan")
+    half_deg: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """Sessions of one kind: the options of what draws their worlds, and whether air temperature is logged.
 
-    `measured` changes what the instruments give, such as a log that stops.
+    `measured` changes what the instruments give, such as a log that stops; `sizes` are those of what differs.
     """
 
     name: str
@@ -87,6 +88,7 @@ class Scenario:
     with_others: bool = True
     draw: Callable[..., World] = drawn_world
     measured: Callable[[History], History] = without_wind
+    sizes: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,7 @@ class Found:
     is_inside: bool
     is_certain: bool
     is_ok_by_old_limit: bool
+    half_deg: float
 
 
 @dataclass(slots=True)
@@ -200,14 +203,15 @@ def _against_truths(estimates: Sequence[SlopeEstimate], world: World) -> list[Fo
 def _against(one: SlopeEstimate, truth: Region) -> Found:
     silent = one.state not in SOLVED
     if np.isnan(one.tilt_deg):
-        return Found(float("nan"), float("inf"), float("nan"), silent, False, False, False)
+        return Found(float("nan"), float("inf"), float("nan"), silent, False, False, False, float("nan"))
     bed = (truth.tilt_deg, truth.azimuth_deg)
     angle = float(angle_between_deg(normal(one.tilt_deg, one.azimuth_deg), normal(*bed)))
     inside = holds(one, bed)
     error = bed[0] - one.tilt_deg
     half = one.tilt_high_deg - one.tilt_deg if error > 0.0 else one.tilt_deg - one.tilt_low_deg
     scaled = abs(error) / max(half, 1e-6)
-    return Found(abs(error), scaled, angle, silent, inside, one.state in CERTAIN, is_ok_by_old_limit(one))
+    is_certain, half = one.state in CERTAIN, one.tilt_half_width_deg
+    return Found(abs(error), scaled, angle, silent, inside, is_certain, is_ok_by_old_limit(one), half)
 
 
 # --- all worlds

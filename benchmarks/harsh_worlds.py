@@ -49,6 +49,9 @@ PER_MINUTE = round(60.0 / STEP_S)
 FAST_MIN, SLOW_MIN = 4.0, 120.0
 SHUTTER_MIN = 4
 WARM_UP_MIN = 20.0
+FORWARDS = 0.7
+DRYING_W_M2 = (40.0, 150.0)
+VEIL_MIN = 60.0
 HAY_DAVIES, PEREZ, ISOTROPIC = "hay-davies", "perez", "isotropic"
 
 
@@ -77,6 +80,14 @@ class Harm:
         Of the logged air temperature: noise, and most of what 1000 W/m2 warms it. [K]
     shadows_per_h
         Shadows of a person over one bed, 10 to 40 s long, that nobody marks.
+    veil
+        Share of the direct light that a thin high cloud takes within the first hour; `FORWARDS` of it comes
+        back from around the sun. [-]
+    drying_min
+        One bed dries: a loss of `DRYING_W_M2` at the first minute, which falls to 1/e in so long; 0 is none.
+        [min]
+    level_deg
+        The reference leans so far to the north or south. [degrees]
     """
 
     exchange_fast: float = 0.03
@@ -95,6 +106,16 @@ class Harm:
     air_noise_k: float = 0.1
     air_sun_k: float = 1.0
     shadows_per_h: float = 1.0
+    veil: float = 0.0
+    drying_min: float = 0.0
+    level_deg: float = 0.0
+
+    def sizes(self) -> str:
+        """What is not harmless, as name and size."""
+        sizes = {name: getattr(self, name) for name in self.__slots__}
+        return ", ".join(
+            f"{name} {value}" for name, value in sizes.items() if value != getattr(HARMLESS, name)
+        )
 
 
 HARSH = Harm()
@@ -124,6 +145,7 @@ def harsh_world(
     own = np.random.default_rng([seed, 11])
     alike = (Facet(region.name, (), region.tilt_deg, region.azimuth_deg) for region in outline)
     facets = [_own(field, facet, harm, own) for facet in alike]
+    facets[0] = replace(facets[0], tilt_deg=harm.level_deg, azimuth_deg=180.0 * (seed % 2))
     site, sky, noon_ns = day_of(day)
     true = _history(site, sky, noon_ns - LEAD_MIN * MINUTE_NS, minutes, facets, field, harm, own)
     drifts = DRIFT_SD_K_PER_H * random.standard_normal(len(facets) - 1)
@@ -165,8 +187,14 @@ def _history(
     state = field.sky(sky).sky_state(time_ns, sun[:, 2], site)
     top = daylight.extraterrestrial(time_ns, body_of(site))
     shape = harm.skies[random.integers(len(harm.skies))]
+    dimmed = (
+        harm.veil * 0.5 * (1.0 - np.cos(np.pi * np.clip((time_s / 60.0 - LEAD_MIN) / VEIL_MIN, 0.0, 1.0)))
+    )
+    # what thin cloud scatters forwards reaches the beds as if from the sun, and a shaded meter from the sky
+    onto_beds = replace(state, dni_w_m2=(1.0 - (1.0 - FORWARDS) * dimmed) * state.dni_w_m2)
+    scattered = FORWARDS * dimmed * state.dni_w_m2 * np.maximum(sun[:, 2], 0.0)
     light = _Light(
-        _under_people(state, len(facets), harm, random),
+        _under_people(onto_beds, len(facets), harm, random),
         sun,
         np.asarray(top),
         shape,
@@ -174,15 +202,15 @@ def _history(
     )
     own_share = 1.0 + _own_exchange(len(facets), steps, harm, random)
     exchange = field.exchange.at(state.wind_m_s) * own_share
-    surface = _surfaces(facets, field, light, time_s, exchange)
+    surface = _surfaces(facets, field, light, time_s, exchange, _drying(field, len(facets), time_s, harm))
     minute_ns = begin_ns + np.arange(LEAD_MIN + minutes) * MINUTE_NS + MINUTE_NS // 2
     whole = History(
         minute=minute_ns // MINUTE_NS,
         time_ns=minute_ns,
         sun=sun_vectors(minute_ns, site),
         temperature_k=_by_minute(surface).T,
-        dni_w_m2=_by_minute(state.dni_w_m2),
-        dhi_w_m2=_by_minute(state.dhi_w_m2),
+        dni_w_m2=_by_minute((1.0 - dimmed) * state.dni_w_m2),
+        dhi_w_m2=_by_minute(state.dhi_w_m2 + scattered),
         longwave_down_w_m2=_by_minute(state.longwave_down_w_m2),
         air_k=_by_minute(state.air_temperature_k),
         wind_m_s=_by_minute(state.wind_m_s),
@@ -220,8 +248,23 @@ def _wandering(beds: int, steps: int, minutes: float, random: np.random.Generato
     return values
 
 
+def _drying(field: DrawnField, beds: int, time_s: FloatArray, harm: Harm) -> FloatArray:
+    """What each bed loses by drying from the first minute on, W/m2 (beds, steps): one of them, if any."""
+    lost, random = np.zeros((beds, time_s.size)), np.random.default_rng([field.seed, 13])
+    if harm.drying_min:
+        minutes = time_s / 60.0 - LEAD_MIN
+        fading = np.where(minutes >= 0.0, np.exp(-np.maximum(minutes, 0.0) / harm.drying_min), 0.0)
+        lost[random.integers(1, beds)] = random.uniform(*DRYING_W_M2) * fading
+    return lost
+
+
 def _surfaces(
-    facets: list[Facet], field: DrawnField, light: _Light, time_s: FloatArray, exchange: FloatArray
+    facets: list[Facet],
+    field: DrawnField,
+    light: _Light,
+    time_s: FloatArray,
+    exchange: FloatArray,
+    lost_w_m2: FloatArray,
 ) -> FloatArray:
     """Surface temperatures (beds, steps); the ground around is a flat bed's sand."""
     ground, air_k = field.bed(Facet("ground", ())), light.skies[0].air_temperature_k
@@ -232,7 +275,7 @@ def _surfaces(
         _absorption(facet, ground, sky, light, upwards)
         for facet, sky in zip(facets, light.skies, strict=True)
     ]
-    return surface_temperatures(facets, time_s, np.array(absorbed), exchange, air_k)
+    return surface_temperatures(facets, time_s, np.array(absorbed) - lost_w_m2, exchange, air_k)
 
 
 def _absorption(

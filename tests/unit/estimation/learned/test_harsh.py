@@ -1,7 +1,7 @@
 """Worlds that the model does not contain: regions hold, and errors are a fraction of what they were.
 
 Before beds could differ, air be unknown and shadows pass, errors were 4 to 8 degrees; every row is
-in `benchmarks.estimation_harsh`.
+in `benchmarks.estimation_table`.
 """
 
 from dataclasses import replace
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.drawn_worlds import CLEAR, drawn_world
-from benchmarks.estimation_harsh import air_stops, light_alone
 from benchmarks.estimation_learned import without_wind
+from benchmarks.estimation_table import air_stops, light_alone
 from benchmarks.harsh_worlds import HARMLESS, HARSH, harsh_world
 from fieldkit.estimation.chain import SlopeChain
 
