@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,13 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.hypotheses import DEPTH_QUANTILES, depths_m
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments, prior_places
+from fieldkit.estimation.learned.readout import (
+    LOGARITHMS,
+    STATES,
+    Moments,
+    by_tilt,
+    prior_places,
+)
 from fieldkit.estimation.normal import tangents
 from fieldkit.estimation.region_temperatures import uncertain_inputs
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
@@ -28,6 +34,7 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region
 
 REST = "noise, drift and passing fluxes"
+NUMERICAL = "numerical error of the draw"
 UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}
 LEARNT_SHARE = 0.5
 """Posterior over prior standard deviation below which the session's own minutes determine an input."""
@@ -53,8 +60,20 @@ class BudgetTerm:
 
 
 def slope_budget(learner: Learner, joint: Moments, target: int) -> tuple[BudgetTerm, ...]:
-    """Budget of a target of the learner's layout, the largest share first."""
-    return budget_of(joint, f"tilt{target}", f"offset{target}", _priors(learner))
+    """Budget of a target of the learner's layout, the largest share first.
+
+    With a numerical error beside the posterior: the standard error of a mean of so many weighted hypotheses
+    (J. S. Liu, Monte Carlo Strategies in Scientific Computing, Springer, 2001, section 2.5). Points drawn by
+    chance would have it; evenly drawn ones have less.
+    """
+    tilt, weights = f"tilt{target}", learner.posterior.weights
+    tilts = by_tilt(learner)[1][:, target]
+    sd = float(np.linalg.norm(weights * (tilts - weights @ tilts)))
+    both = 1.0 + (sd / joint.sd(tilt)) ** 2
+    terms = budget_of(joint, tilt, f"offset{target}", _priors(learner))
+    numerical = BudgetTerm(NUMERICAL, "°", "A", sd, 1.0, both - 1.0)
+    shared = (replace(term, share=term.share / both) for term in (*terms, numerical))
+    return tuple(sorted(shared, key=lambda term: -term.share))
 
 
 def budget_of(joint: Moments, tilt: str, offset: str, priors: Mapping[str, float]) -> tuple[BudgetTerm, ...]:

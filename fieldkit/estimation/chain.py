@@ -65,6 +65,8 @@ MOST_OF_PRIOR = 0.5
 
 Judged: because above it the prior has at least as much of the number as the minutes.
 """
+DRIES_SDS = 2.0
+"""Judged: because chance takes one bed of forty for one that dries, and naming it costs a look."""
 MOST_UNLIKE = 1.0
 """What beds do alone, over the usual, up to which slopes are certain.
 
@@ -463,7 +465,19 @@ class _Group:
         reason = f"flat within {filled.tilt_high_deg:.1f}°" if slope.region.vertical else ""
         if doubt := next(self._doubts(filled, slope, index), ""):
             state, reason = SlopeState.WIDE, doubt
-        return replace(filled, state=state, reason="; ".join(filter(None, (reason, _leaning(slope.away)))))
+        return replace(
+            filled,
+            state=state,
+            reason="; ".join(filter(None, (reason, self._drying(index), _leaning(slope.away)))),
+        )
+
+    def _drying(self, index: int) -> str:
+        """Loss of a bed that dries, in words; "" for one that does not."""
+        if self._learner is None:
+            return ""
+        flux, sd = readout.drying_w_m2(self._learner, self._place(index))
+        dries = flux < -DRIES_SDS * sd
+        return f"it dries: {-flux:.0f} ± {sd:.0f} W/m² at first, more than the others" if dries else ""
 
     def _doubts(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> Iterator[str]:
         """Why a slope that fits is not known well enough for the purpose; nothing if it is."""

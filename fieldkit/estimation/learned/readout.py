@@ -19,7 +19,7 @@ from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
 from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
-from fieldkit.estimation.learned.prior_state import prior_sds
+from fieldkit.estimation.learned.prior_state import DRYING_MINUTES, prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
@@ -250,7 +250,7 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.place(name) for name in STATES]
     others += [layout.offset(layout.region(target)) for target in range(layout.targets)]
-    steps, tilts = _by_tilt(learner)
+    steps, tilts = by_tilt(learner)
     turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))
     states, own, response = known_states(filters, normals, others)
     crossed = np.matmul(response, steps.transpose(0, 2, 1))
@@ -278,7 +278,7 @@ def known_states(
     return means, own, response
 
 
-def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
+def by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
     """Derivatives (p, 1 + targets, q) of gain and tilts in degrees by gain and turns; tilts (p, targets)."""
     normals, layout = learner.posterior.normals, learner.layout
     count, turns = normals.covariance.shape[:2]
@@ -292,6 +292,21 @@ def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
         turn = np.matmul((steeper @ layout.facing[target])[:, np.newaxis], tangent)[:, 0]
         steps[:, 1 + target, normals.turn(target)] = np.degrees(turn)
     return steps, tilts
+
+
+def drying_w_m2(learner: Learner, target: int) -> tuple[float, float]:
+    """Flux that only fades into one target alone, in the first minute, and its standard deviation, W/m2.
+
+    A bed that dries loses heat by it, below zero.
+    """
+    posterior, weights = learner.posterior, learner.posterior.weights
+    states, covariances, _ = known_states(
+        posterior.filters, posterior.normals, [learner.layout.drying(target)]
+    )
+    mean = weights @ states[:, 0]
+    variance = weights @ (covariances[:, 0, 0] + (states[:, 0] - mean) ** 2)
+    faded = math.exp(-60.0 * learner.last.hours / DRYING_MINUTES)
+    return float(mean) / faded, math.sqrt(variance) / faded
 
 
 def prior_places(settings: EstimatorSettings, sds: dict[str, float]) -> dict[str, tuple[float, float]]:
