@@ -4,7 +4,7 @@ Worlds of `benchmarks.drawn_worlds` and `benchmarks.harsh_worlds`, ``FIELDKIT_WO
 next of its days. A 90 % region that is neither too narrow nor too wide holds the truth in 90 % of the beds,
 and is `CALIBRATED` times the mean error wide to each side. Beds of a world fail together: the interval of a
 coverage is that of a bootstrap over worlds (B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap,
-Chapman and Hall, 1993, section 8.6). The wind is not logged.
+Chapman and Hall, 1993, section 8.6). The wind is not logged. Minutes are taken at once.
 """
 
 from __future__ import annotations
@@ -148,7 +148,9 @@ def _row(
     measured: Callable[[History], History] = without_wind,
     sizes: str = "",
 ) -> Scenario:
-    return Scenario(name, cells, {}, with_others=False, draw=draw, measured=measured, sizes=sizes)
+    return Scenario(
+        name, cells, {}, with_others=False, draw=draw, measured=measured, sizes=sizes, at_once=True
+    )
 
 
 def _harsh(name: str, cell: Cell, harm: Harm, **options: Any) -> Scenario:
