@@ -258,7 +258,7 @@ class Learner:
         over_proposal = log_prior(self._draw.points) - self._draw.proposal.log_density(self._draw.points)
         # a first rate of warming, flux over inertia, is as probable under every hypothesis: by fluxes alone
         # each region that begins quietly would speak for a high inertia, which leaves all of them small
-        beginnings = len(self._sessions) * self.layout.regions
+        beginnings = sum(len(session.minutes) > 1 for session in self._sessions) * self.layout.regions
         over_proposal -= beginnings * np.log(self._draw.filters.hypotheses.inertia)
         weights = self._draw.filters.log_likelihood + normals.log_evidence + over_proposal
         return normals, weights - np.where(too_steep, FAR, 0.0)
