@@ -142,8 +142,8 @@ def test_shares_of_the_prior_lie_between_zero_and_one_and_shrink():
 def test_without_data_the_posterior_is_the_prior():
     """Noise of 10 MK says nothing; hypotheses are a sample, so their moments are near the prior only.
 
-    Four rates of warming that are as probable under every inertia multiply its prior by its power of -4, which
-    moves the mean of a normal logarithm by -4 variances.
+    Four rates of warming that are as probable under every inertia multiply its prior by its power of -4,
+    which moves the mean of a normal logarithm by -4 variances.
     """
     drawn = world(2, CLEAR, minutes=30)
     learnt = learner(3, replace(drawn.settings, noise_k=1e7))
