@@ -9,26 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.batch import progress_bar
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say, say_warning
 from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
-    from fieldkit.recording.experiments import Experiments
+    from fieldkit.estimation.settings import EstimatorSettings
     from fieldkit.recording.plan import MeasuringPlan
+    from fieldkit.recording.planned_session import Prediction
 
 
 @click.command(cls=Command)
 @click.option("--site", type=SITE, help="Site [default: the campaign's].")
 @click.option("--zone", type=ZONE, help="Time zone to show, like Asia/Tokyo [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day, in that zone [default: the next].")
-@click.option("--at", type=HOUR, metavar="TIME", help="Start of the session [default: at the best window].")
+@click.option("--at", type=HOUR, metavar="TIME", help="Start of the session [default: around the best time].")
 @default_option("--for", "session_min", "3h", "Length of the session.", minutes(20, 720))
-@click.option(
-    "--as-planned", is_flag=True, help="Do not predict what instruments, calibrations and tests would bring."
-)
 @click.option(
     "--facet", "facets", type=FACET, multiple=True, help="A region's slope [default: the campaign's targets]."
 )
@@ -41,7 +38,6 @@ if TYPE_CHECKING:
 @click.option(
     "--noise", "noise_k", type=NumberRange(1e-4), help="Noise of a minute mean, K [default: as configured]."
 )
-@default_option("--window", "window_min", "20m", "Length of the best window.", minutes(3, 360))
 @default_option("--air-c", "air_c", 15.0, "Air temperature expected, °C.", NumberRange(-150.0, 60.0))
 @default_option("--step", "step_min", "30m", "Time between rows.", minutes(1, 1440))
 @click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
@@ -51,48 +47,70 @@ def command(
     day: date | None,
     at: time | None,
     session_min: int,
-    as_planned: bool,
     facets: tuple[tuple[float, float], ...],
     out: Path | None,
     **assumed: Any,
 ) -> None:
-    r"""Show how well a session will determine the slopes: half widths of every tilt by the half hour.
+    r"""Show how well a session will determine the slopes, and what would narrow them.
 
     Simulates the session under that day's clear sky with the sand, instruments and noise of
-    the campaign, and estimates it with the learned model; then again with each measure that
-    could narrow it. Seconds to half a minute, by the number of cores. A page to print goes
-    to the campaign's reports/, or to --out.
+    the campaign, and estimates it with the learned model: half-widths of every tilt after 30
+    and 60 minutes and at the end, and what each measure would leave of them. Seconds the first
+    time. With --site a campaign is planned elsewhere. A page to print goes to the campaign's
+    reports/, or to --out.
 
     \b
     fieldkit plan
-    fieldkit plan --on 2026-12-11 --at 10:30 --for 2h --as-planned
+    fieldkit plan --on 2026-12-11 --at 10:30 --for 2h
     fieldkit plan --site 35.558675,139.395232,9 --on 2026-12-11 --facet 5,180 --facet 15,180
     """
-    from fieldkit.recording.plan import PlanOptions, plan, target_facets
-    from fieldkit.results.executors import workers
+    from fieldkit.recording.plan import PlanOptions, plan, regions_without_slope, target_facets
 
-    config, place = None, with_zone(site, zone) if site else None
-    if place is None or not facets:
-        config = campaign()
-        place = place or replace(config.site, timezone=zone or config.site.timezone)
-        facets = facets or target_facets(config)
-    estimator = config.estimator_settings() if config else None
+    config = _campaign(is_needed=not (site and facets))
+    place, estimator = _place(config, site, zone)
+    if config and not facets:
+        facets = target_facets(config)
+        for name in regions_without_slope(config):
+            say_warning(f"{name} has no tilt and azimuth, so it is not planned with")
     day_plan = plan(place, day, facets, PlanOptions(**assumed), estimator=estimator)
-    experiments = None
-    if at is not None or day_plan.day_plan.best_row is not None:
-        session = day_plan.session(session_min, at=at, **_instruments(config))
-        with progress_bar("simulated sessions") as on_run, workers() as executor:
-            experiments = day_plan.experiments(
-                session, with_measures=not as_planned, executor=executor, on_run=on_run
-            )
+    prediction = None
+    if at is not None or day_plan.day_plan.best_minute() is not None:
+        prediction = day_plan.prediction(day_plan.session(session_min, at=at, **_instruments(config)))
     path = out or (config.reports / f"plan-{day_plan.day}.html" if config else None)
     if path:
-        day_plan.write(path, experiments)
+        day_plan.write(path, prediction)
     if options().json:
-        simulated = experiments.document if experiments else {"experiments": None}
-        print_json({**day_plan.document, **simulated, "page": path})
+        document = prediction.document if prediction else {"prediction": None}
+        print_json({**day_plan.document, **document, "page": path})
     else:
-        _print(day_plan, experiments, path)
+        _print(day_plan, prediction, path)
+
+
+def _campaign(*, is_needed: bool) -> Config | None:
+    """The campaign here, None without one; raises `ConfigError` without one that is needed."""
+    from fieldkit.config.files import NoCampaignError
+
+    try:
+        return campaign()
+    except NoCampaignError:
+        if is_needed:
+            raise
+        return None
+
+
+def _place(
+    config: Config | None, site: Site | None, zone: str | None
+) -> tuple[Site, EstimatorSettings | None]:
+    """Where the session will be, the campaign's place by default, and the campaign's settings."""
+    if config is None:
+        assert site is not None
+        return with_zone(site, zone), None
+    settings = config.estimator_settings()
+    if site is None:
+        return replace(config.site, timezone=zone or config.site.timezone), settings
+    # a horizon is that of the campaign's own place
+    elsewhere = replace(with_zone(site, zone), body=config.site.body)
+    return elsewhere, replace(settings, horizon=(), horizons={})
 
 
 def _instruments(config: Config | None) -> dict[str, Any]:
@@ -102,19 +120,19 @@ def _instruments(config: Config | None) -> dict[str, Any]:
     return {"logged": logged_quantities(config), "references": reference_facets(config)} if config else {}
 
 
-def _print(day_plan: MeasuringPlan, experiments: Experiments | None, path: Path | None) -> None:
+def _print(day_plan: MeasuringPlan, prediction: Prediction | None, path: Path | None) -> None:
     from fieldkit.views import plan_page
 
     plan, site = day_plan.day_plan, day_plan.site
     click.echo(plan_page.heading(plan, site, day_plan.irradiance))
-    if experiments:
-        for line in experiments.summary:
+    if prediction:
+        for line in prediction.summary:
             click.echo(line)
-        print_table(experiments.table.columns, experiments.table.rows)
-        click.echo(experiments.table.caption)
+        print_table(prediction.table.columns, prediction.table.rows)
+        click.echo(prediction.table.caption)
         click.echo()
     print_table(plan_page.COLUMNS, plan_page.rows(plan, site))
-    for line in plan_page.footnotes(plan, site):
+    for line in plan_page.footnotes(plan):
         click.echo(line)
     for warning in day_plan.warnings:
         click.echo(f"beware: {warning}")

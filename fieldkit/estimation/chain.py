@@ -16,7 +16,6 @@ import numpy as np
 
 from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
-from fieldkit.estimation.estimator_keys import LEVEL_SD_DEG
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned import inputs, readout
 from fieldkit.estimation.learned.errors import ErrorSums
@@ -25,6 +24,7 @@ from fieldkit.estimation.learned.learner import AT_ONCE, Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.reading_gaps import settled
 from fieldkit.estimation.learned.statements import statement_sds, unlike_sds, unstated_slope
+from fieldkit.estimation.measures import measures, narrowing
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.shade_evidence import DoubtfulShade
@@ -47,13 +47,6 @@ TOGETHER = 4
 Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
 """
 OWN = ("absorbed light", "heat exchange", "thermal inertia")
-ONE_KNOWN = "one region of known slope"
-AIR_LOGGED_SD_K = 0.5
-"""Judged: because it is the error of a shaded thermometer as the air at the beds."""
-LONGWAVE_MEASURED_SD_W_M2 = 10.0
-"""The uncertainty of a pyrgeometer in the field, as the description of `prior.longwave_sd_w_m2` states it."""
-DEPTH_MEASURED_SD = 0.1
-"""Relative. Judged: because a ruler in 3 cm of sand reads to 3 mm."""
 GRAZING = 0.02
 """Cosine of the angle of incidence below which light is no measurement.
 
@@ -140,12 +133,12 @@ class SlopeChain:
         """Slopes at every minute of a history."""
         return (self.at(history.until(last)) for last in range(1, len(history) + 1))
 
-    def at_once(self, history: History) -> Estimated:
+    def at_once(self, history: History, hypotheses: int = AT_ONCE) -> Estimated:
         """As `at` of a new chain with the learned model, in half the time, for plans.
 
         Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
         """
-        return self._at_once(history, [max(rows_after_gaps(history), default=0)])
+        return self._at_once(history, [max(rows_after_gaps(history), default=0)], hypotheses)
 
     def together(self, sessions: Sequence[History]) -> Estimated:
         """Slopes of the targets at the last minute of sessions with the same columns, in order of time.
@@ -158,12 +151,16 @@ class SlopeChain:
         ends = np.cumsum([len(session) for session in sessions])[:-1]
         return self._at_once(history, sorted({0, *ends.tolist(), *rows_after_gaps(history)}))
 
-    def _at_once(self, history: History, starts: Sequence[int]) -> Estimated:
+    def _at_once(self, history: History, starts: Sequence[int], hypotheses: int = AT_ONCE) -> Estimated:
         corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
         for group in self._groups if self._learns else ():
-            group.take_at_once(corrected, starts)
+            group.take_at_once(corrected, starts, hypotheses)
         self._taken = len(history)
         return self.at(history)
+
+    def narrowing(self) -> dict[str, dict[str, float]]:
+        """By target and measure, the share of a half-width that the measure would leave, after `at`."""
+        return {name: shares for group in self._groups for name, shares in group.narrowing()}
 
     def budgets(self, history: History) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target, after `at` of this history; none from the weather alone."""
@@ -340,7 +337,7 @@ class _Group:
             session = inputs.recorded_session(history, row, row + 1, *self._about)
             self._learner = Learner(layout, settings, [session])
 
-    def take_at_once(self, history: History, starts: Sequence[int]) -> None:
+    def take_at_once(self, history: History, starts: Sequence[int], hypotheses: int) -> None:
         """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
         history = history.only(self._places)
         sessions: list[inputs.Recorded] = []
@@ -355,7 +352,7 @@ class _Group:
             sessions.append(inputs.recorded_session(session, row, len(session), *self._about))
         try:
             if sessions:
-                self._learner = Learner(self._layout, self._settings, sessions, AT_ONCE)
+                self._learner = Learner(self._layout, self._settings, sessions, hypotheses)
             self._taken = len(history)
             self._read(history, inputs.shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
@@ -488,7 +485,11 @@ class _Group:
         if unusual := self._unusual():
             yield unusual
         if is_too_wide(filled.tilt_deg, half, self._settings.target_half_width_deg):
-            yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {self._advice(index, half)}"
+            hints = [
+                f"; {measure} would narrow ±{half:.1f}° to ±{half * share:.1f}°"
+                for measure, share in dict(self.narrowing())[filled.region].items()
+            ]
+            yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}){''.join(hints[:1])}"
         prior_sd_deg = math.degrees(self._layout.unlike_of(self._place(index)).normal_horizontal_sd)
         if half > MOST_OF_PRIOR * interval_sds(filled.confidence) * prior_sd_deg:
             yield "the minutes narrow it to no less than half of what its prior allows"
@@ -557,22 +558,13 @@ class _Group:
             self._moments, self._settings, prior_sds(self._settings, learner.logged_inputs)
         )
 
-    def _advice(self, index: int, half_deg: float) -> str:
-        """The measurement that would narrow a tilt most, known to `half_deg`."""
-        joint, name = self._moments, f"tilt{self._place(index)}"
-        sd = joint.sd(name)
-        stated = f"with prior.longwave_sd_w_m2 = {LONGWAVE_MEASURED_SD_W_M2:g}"
-        offers = {
-            "an air temperature logged in the shade": joint.sd_if_known(name, "air", AIR_LOGGED_SD_K),
-            f"a pyrgeometer {stated}": joint.sd_if_known(name, "longwave", LONGWAVE_MEASURED_SD_W_M2),
-            "the depth of the sand": joint.sd_if_known(name, "depth", DEPTH_MEASURED_SD),
-        }
-        for other in range(self._targets.size):
-            if other != index:
-                sd_with_known_bed = joint.sd_if_known(name, f"tilt{self._place(other)}", LEVEL_SD_DEG)
-                offers[ONE_KNOWN] = min(sd_with_known_bed, offers.get(ONE_KNOWN, math.inf))
-        best = min(offers, key=lambda offer: offers[offer])
-        return f"{best} would narrow ±{half_deg:.1f}° to ±{half_deg * offers[best] / sd:.1f}°"
+    def narrowing(self) -> Iterator[tuple[str, dict[str, float]]]:
+        """Name of each target that holds, and the share of its half-width that each measure would leave."""
+        if self._learner is not None:
+            places = [self._place(index) for index in self._holding()]
+            names = {self._place(i): self._columns.regions[c].name for i, c in enumerate(self._targets)}
+            offers = measures(self._settings, self._learner.logged_inputs, names)
+            yield from ((names[place], narrowing(self._moments, f"tilt{place}", offers)) for place in places)
 
     def budgets(self) -> Iterator[tuple[str, tuple[BudgetTerm, ...]]]:
         """Name and uncertainty budget of each target that holds; none before the first minute."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from fieldkit.estimation.bins import History, group_means
 from fieldkit.estimation.chain import SlopeChain, rows_after_gaps
+from fieldkit.estimation.computed_reference import require_measured_reference
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.together import Part
@@ -55,8 +56,11 @@ class TemperatureTable:
 def slopes_of_part(part: Part) -> tuple[SlopeEstimate, ...]:
     """Slope of every target over a whole table, also of several days, or over the window at its end."""
     chain = SlopeChain(part.regions, part.settings)
-    if part.settings.model == "learned" and rows_after_gaps(part.history):
-        return chain.together([part.history]).slopes
+    if part.settings.model == "learned":
+        if part.settings.reference == "region":
+            require_measured_reference(part.name, part.history, part.regions)
+        if rows_after_gaps(part.history):
+            return chain.together([part.history]).slopes
     return chain.at(part.history).slopes
 
 

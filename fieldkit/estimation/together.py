@@ -17,6 +17,7 @@ from typing import Any
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import Estimated, SlopeChain
+from fieldkit.estimation.computed_reference import require_measured_reference
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
@@ -57,7 +58,8 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     Slopes, gain, thermal inertia and what is unlike in a bed are learned from all parts; exchange, sky, air,
     temperatures in depth and the camera's offsets begin anew in each. A region that a part does not have is
     not measured there. Settings are those of the last part. Raises `ConfigError` if the parts are not of one
-    place (more than `MOST_APART_M` apart, other references), overlap in time, or differ in their settings.
+    place (more than `MOST_APART_M` apart, other references), overlap in time, or differ in their settings,
+    and for a reference that was computed from the weather.
     """
     for part in parts:
         if not len(part.history):
@@ -75,6 +77,9 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     for part in parts[:-1]:
         _require_same_place(part, last)
         _require_same_settings(part, last)
+    if last.settings.reference == "region":
+        for part in parts:
+            require_measured_reference(part.name, part.history, part.regions)
     regions = tuple({region.name: region for part in parts for region in part.regions}.values())
     places = {region.name: place for place, region in enumerate(regions)}
     histories = [

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, date, datetime, time, timedelta
 from math import isfinite
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.config import FILE_NAME, Config, config_from_text
-from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
+from fieldkit.estimation.day_plan import WINDOW_MIN, DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import components_named, is_air_temperature
@@ -29,16 +28,14 @@ from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.sun import solar_time_h, sun_vectors
-from fieldkit.recording.experiments import (
+from fieldkit.recording.planned_session import (
     AIR,
     DIFFUSE,
     LEVEL,
     LONGWAVE,
-    Experiments,
     PlannedSession,
-    as_planned,
-    measures,
-    predict_runs,
+    Prediction,
+    predict_session,
 )
 from fieldkit.results.sun_angles import checked_facets
 from fieldkit.simulation.sky import ClearSky
@@ -55,9 +52,9 @@ class PlanOptions:
     """Assumptions of a plan: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.
 
     Elsewhere than on the Earth light and air are those of the body's clear season instead.
-    `noise_k` is that of a region's minute mean, by default the estimator's; `window_min` the length of the
-    windows for which noise alone is stated, `air_c` the air temperature expected, `step_min` the time between
-    rows. Raises `ConfigError` for numbers that are not finite, or, but for the air, not above 0.
+    `noise_k` is that of a region's minute mean, by default the estimator's; `air_c` the air temperature
+    expected, `step_min` the time between rows. Raises `ConfigError` for numbers that are not finite, or, but
+    for the air, not above 0.
 
     Examples
     --------
@@ -71,7 +68,6 @@ class PlanOptions:
     dni_w_m2: float = 800.0
     turbidity: float | None = None
     noise_k: float | None = None
-    window_min: int = 20
     air_c: float = 15.0
     step_min: int = 30
 
@@ -125,17 +121,13 @@ class MeasuringPlan:
     @property
     def document(self) -> dict[str, Any]:
         """The plan as ``fieldkit plan --json`` prints it."""
-        plan = self.day_plan
-        budget = plan.bias_budget_k()
-        best_ns = None if plan.best_row is None else int(plan.time_ns[plan.rows[plan.best_row]])
+        plan, best = self.day_plan, self.day_plan.best_minute()
         return {
             "site": asdict(self.site),
             "day": str(self.day),
             "irradiance": self.irradiance,
-            "noise_k": plan.settings.noise_k,
-            "window_min": plan.settings.window_min,
-            "best_window_start": None if best_ns is None else _iso(best_ns, self.site),
-            "minutes_for_azimuth": plan.minutes_for_azimuth(),
+            "noise_k": self.estimator.noise_k,
+            "best_time": None if best is None else _iso(int(plan.time_ns[best]), self.site),
             "bias_budget": [
                 {
                     "tilt_deg": tilt,
@@ -143,7 +135,7 @@ class MeasuringPlan:
                     "for_deg": plan.settings.bias_deg,
                     "kelvin": kelvin,
                 }
-                for (tilt, azimuth), kelvin in zip(plan.facets, budget, strict=True)
+                for (tilt, azimuth), kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
             ],
             "warnings": self.warnings,
             "rows": self.rows,
@@ -187,14 +179,14 @@ class MeasuringPlan:
         logged: Iterable[str] = (),
         references: Sequence[tuple[float, float]] = (LEVEL,),
     ) -> PlannedSession:
-        """A session of that day, for `experiments`.
+        """A session of that day, for `prediction`.
 
         Parameters
         ----------
         minutes
             Length. [min]
         at
-            Start on the site's clocks; by default the middle is that of the best window.
+            Start on the site's clocks; by default the middle is the best time of the day.
         logged
             What is measured beside light and frames: any of ``"air"``, ``"diffuse"``, ``"longwave"``.
         references
@@ -203,7 +195,7 @@ class MeasuringPlan:
         Raises
         ------
         NoAnswerError
-            If no start is given, and the day has no usable window.
+            If no start is given, and no hour of the day is usable.
         """
         options = self.options
         sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
@@ -213,61 +205,43 @@ class MeasuringPlan:
             start_ns=self._start_ns(minutes, at),
             minutes=minutes,
             sky=replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
-            settings=replace(self.estimator, model="learned", noise_k=self.day_plan.settings.noise_k),
-            sunset_ns=_sunset_ns(self.day_plan),
+            settings=replace(self.estimator, model="learned"),
             logged=frozenset(logged),
             references=tuple(references),
         )
 
     def _start_ns(self, minutes: int, at: time | None) -> int:
-        plan, options = self.day_plan, self.options
         if at is not None:
             return utc_ns(datetime.combine(self.day, at, formatting.zone(self.site)))
-        if plan.best_row is None:
+        best = self.day_plan.best_minute(minutes) or self.day_plan.best_minute()
+        if best is None:
             raise NoAnswerError(
-                f"no window of {options.window_min} min is usable",
+                f"no {WINDOW_MIN} min are usable",
                 place=f"{self.day}",
-                fix="choose another day, or a shorter window",
+                fix="choose a day on which the sun is higher",
             )
-        first = int(plan.time_ns[plan.rows[plan.best_row]])
-        return first + (options.window_min - minutes) // 2 * MINUTE_NS
+        return int(self.day_plan.time_ns[best]) - minutes // 2 * MINUTE_NS
 
-    def experiments(
-        self,
-        session: PlannedSession | None = None,
-        *,
-        with_measures: bool = True,
-        executor: Executor | None = None,
-        on_run: Callable[[int, int], None] | None = None,
-    ) -> Experiments:
-        """Half widths by the half hour of a session, and at its end with each measure that narrows them.
+    def prediction(self, session: PlannedSession | None = None) -> Prediction:
+        """Half-widths after half an hour, an hour and at the end, and what each measure leaves of them.
 
-        Simulates the session and estimates it with the learned model; on one core six seconds for three hours
-        of three targets, and as much for each measure.
+        Simulates the session and estimates it with the learned model, about four seconds of one processor for
+        three hours of three targets, and nothing the next time. The measures follow from what is known at the
+        end.
 
         Parameters
         ----------
         session
-            From `session`; by default three hours around the best window.
-        with_measures
-            Whether instruments, calibrations, a shade test, a known target and the evening are tried.
-        executor
-            Any of `concurrent.futures`, whose workers share the work; this process unless given.
-        on_run
-            Receives how many simulations are finished, and of how many.
+            From `session`; by default three hours around the best time of the day.
 
         Raises
         ------
         NoAnswerError
-            If no session is given, and the day has no usable window.
+            If no session is given, and no hour of the day is usable.
         """
-        session = session or self.session()
-        runs = [as_planned(session), *(measures(session) if with_measures else ())]
-        finished = iter(range(1, len(runs) + 1))
-        found = predict_runs(runs, executor, lambda: on_run(next(finished), len(runs)) if on_run else None)
-        return Experiments(session, found)
+        return predict_session(session or self.session())
 
-    def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:
+    def write(self, path: str | Path, prediction: Prediction | None = None) -> Path:
         """Write the plan as a page to print, led by the session if predicted; raises `StorageError`."""
         path = Path(path)
         content = plan_page.page(
@@ -275,8 +249,8 @@ class MeasuringPlan:
             self.site,
             f"Plan for {self.day}",
             self.irradiance,
-            plan_page.Session(experiments.summary, experiments.table, experiments.course)
-            if experiments
+            plan_page.Session(prediction.summary, prediction.table, prediction.course)
+            if prediction
             else None,
         )
         try:
@@ -301,7 +275,7 @@ def plan(
     *,
     estimator: EstimatorSettings | None = None,
 ) -> MeasuringPlan:
-    """Plan a measuring day: sun and kelvin per degree over the hours; `experiments` predicts a session.
+    """Plan a measuring day: sun and kelvin per degree over the hours; `prediction` predicts a session.
 
     Parameters
     ----------
@@ -321,7 +295,7 @@ def plan(
     Returns
     -------
     MeasuringPlan
-        With `experiments`, `to_frame` and `write`.
+        With `prediction`, `to_frame` and `write`.
 
     Raises
     ------
@@ -345,25 +319,20 @@ def plan(
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
     facets = checked_facets(facets)
     time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
-    noise_k = options.noise_k or (estimator or EstimatorSettings()).noise_k
-    settings = replace(_settings(site, options), noise_k=noise_k)
+    settings = _settings(site, options)
     if estimator is not None:
-        settings = replace(
-            settings,
-            surface=estimator.surface,
-            azimuth_known=estimator.azimuth == "known",
-            tilt_limit_deg=estimator.tilt_limit_deg,
-        )
+        settings = replace(settings, surface=estimator.surface, tilt_limit_deg=estimator.tilt_limit_deg)
+    estimator = estimator or _default_settings(site)
     sun = sun_vectors(time_ns, site)
-    light = _dni(sun, time_ns, site, options)
-    if estimator is not None:
-        light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
-    found = plan_day(facets, time_ns, sun, light, settings, options.step_min)
-    if not found.rows.size:
+    is_sunlit = sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0
+    light = np.where(is_sunlit, _dni(sun, time_ns, site, options), 0.0)
+    day_plan = plan_day(facets, time_ns, sun, light, settings, options.step_min)
+    if not day_plan.rows.size:
         raise NoAnswerError(
             "the sun does not rise at this site", place=f"{day}", fix="choose a day on which the sun rises"
         )
-    return MeasuringPlan(site, day, options, found, estimator or _default_settings(site))
+    estimator = replace(estimator, noise_k=options.noise_k or estimator.noise_k)
+    return MeasuringPlan(site, day, options, day_plan, estimator)
 
 
 def _default_settings(site: Site) -> EstimatorSettings:
@@ -400,6 +369,12 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
     return known
 
 
+def regions_without_slope(config: Config) -> list[str]:
+    """Names of the targets that cannot be planned for."""
+    targets = (region for region in config.regions if region.kind is RegionKind.TARGET)
+    return [region.name for region in targets if not isfinite(region.tilt_deg + region.azimuth_deg)]
+
+
 def reference_facets(config: Config) -> tuple[tuple[float, float], ...]:
     """Tilt and azimuth of a campaign's references, level if it has none."""
     references = [region for region in config.regions if region.kind is RegionKind.REFERENCE]
@@ -413,13 +388,6 @@ def logged_quantities(config: Config) -> frozenset[str]:
     is_logged_by_name = {AIR: any(map(is_air_temperature, labels))}
     is_logged_by_name |= {DIFFUSE: "dhi" in components, LONGWAVE: "longwave_down" in components}
     return frozenset(word for word, is_logged in is_logged_by_name.items() if is_logged)
-
-
-def _sunset_ns(plan: DayPlan) -> int | None:
-    """The first minute after noon without sun, None if there is none."""
-    noon = int(np.argmax(plan.elevation_deg))
-    down = np.flatnonzero(plan.elevation_deg[noon:] <= plan.settings.rising_deg)
-    return int(plan.time_ns[noon + down[0]]) if down.size else None
 
 
 def _ends_ns(site: Site, day: date) -> tuple[int, int]:
@@ -449,7 +417,7 @@ def _dni(sun: FloatArray, time_ns: IntArray, site: Site, options: PlanOptions) -
 def _settings(site: Site, options: PlanOptions) -> PlanSettings:
     """The air expected and the paper's surface on the Earth; elsewhere air, sky and ground of the body."""
     body, air_k = body_of(site), options.air_c + CELSIUS_ZERO_K
-    settings = PlanSettings(window_min=options.window_min, air_k=air_k)
+    settings = PlanSettings(air_k=air_k)
     if body is EARTH:
         return settings
     air_k = body.air_temperature_k
@@ -460,7 +428,7 @@ def _settings(site: Site, options: PlanOptions) -> PlanSettings:
 
 
 def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
-    minute, found = int(plan.rows[index]), plan.bounds[index]
+    minute = int(plan.rows[index])
     zenith, azimuth = (float(angle) for angle in tilt_azimuth(plan.sun[minute]))
     return {
         "time": _iso(int(plan.time_ns[minute]), site),
@@ -475,7 +443,6 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
                 "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[place, minute],
                 "kelvin_per_degree": plan.sensitivity.temperature_k[place, minute],
                 "weak": bool(plan.weak[place, minute]),
-                **{f"bound_{name}": getattr(found, name)[place] for name in found.__slots__},
             }
             for place, (tilt, turn) in enumerate(plan.facets)
         ],

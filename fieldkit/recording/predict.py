@@ -18,7 +18,6 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.sun_angles import checked_facets, moment
-from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.field_minutes import FieldMinutes, field_minutes
 from fieldkit.simulation.scene_series import Exchange, SceneModel
@@ -107,7 +106,6 @@ def expected_field(
     facets: Sequence[tuple[float, float]],
     settings: EstimatorSettings,
     exchange: Exchange,
-    boards: tuple[Board, ...] = (),
 ) -> SceneModel:
     """The field that the settings expect: beds ``region 1`` ... of their material, around them level ground.
 
@@ -121,13 +119,11 @@ def expected_field(
         Surface, slab, horizon, the ground's albedo and the circumsolar share.
     exchange
         With the air, by wind.
-    boards
-        What lies over single beds.
     """
     beds = tuple(_bed(f"region {number}", *facet, settings) for number, facet in enumerate(facets, start=1))
     ground = replace(beds[0], tilt_deg=0.0, albedo=settings.ground_albedo)
     share = settings.prior.circumsolar_share
-    return SceneModel(site, sky, beds, ground, exchange, (), 1.0, circumsolar_share=share, boards=boards)
+    return SceneModel(site, sky, beds, ground, exchange, (), 1.0, circumsolar_share=share)
 
 
 def _bed(name: str, tilt_deg: float, azimuth_deg: float, settings: EstimatorSettings) -> Facet:

@@ -14,7 +14,6 @@ from typing import Literal
 import numpy as np
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.estimation.day_plan import cosine_noise
 from fieldkit.estimation.instruments import mean_of
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
@@ -23,6 +22,7 @@ from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     direct_irradiance,
     irradiance_difference,
+    irradiance_per_kelvin,
     surface_temperature,
 )
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, cos_incidence, normal, tilt_azimuth
@@ -138,7 +138,8 @@ def estimated_normals(
         )
     # the noise of the reference stands for all slopes, so that they share one matrix
     noise_k = max(settings.noise_k, settings.quantum_k / np.sqrt(12.0), 1e-3)
-    sigma = cosine_noise(conditions.dni_w_m2, reference_k.mean(axis=0), noise_k, settings.surface)
+    noise_w_m2 = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(reference_k.mean(axis=0), settings.surface)
+    sigma = noise_w_m2 / conditions.dni_w_m2
 
     def cosines(target: FloatArray, reference: FloatArray) -> FloatArray:
         difference = irradiance_difference(target, reference, settings.surface)

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.day_plan import FINE_DEG, FLAT_DEG, WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.estimation.day_plan import FLAT_DEG, WEAK_K_PER_DEG, WINDOW_MIN, DayPlan, label
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
-from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Table, render
 
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "hour")
-MEANINGLESS_SD_DEG = 45.0
-"""Above this standard deviation of tilt the linear bound has no meaning: the window determines nothing."""
+ASIDE_DEG = 10.0
+"""Turn of a twin against its slope from which the azimuth tells them apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +75,9 @@ def _beside(values: Sequence[float] | np.ndarray, digits: int) -> str:
     return "  ".join(formatting.number(float(value), digits) for value in values)
 
 
-def _deviations(tilt_sd_deg: Sequence[float] | np.ndarray) -> str:
-    return "  ".join(
-        f">{MEANINGLESS_SD_DEG:g}" if sd > MEANINGLESS_SD_DEG else formatting.number(float(sd), 1)
-        for sd in tilt_sd_deg
-    )
-
-
 def warnings(plan: DayPlan, site: Site) -> list[str]:
     """Warnings for that day, one sentence each."""
-    paragraphs = [_no_window(plan)] if plan.best_row is None else []
+    paragraphs, twins = ([_no_window(plan)], []) if plan.best_minute() is None else ([], plan.twins())
     for index, facet in enumerate(plan.facets):
         if facet[0] > plan.settings.tilt_limit_deg:
             limit = f"estimator.tilt_limit_deg = {plan.settings.tilt_limit_deg:g}"
@@ -96,36 +88,34 @@ def warnings(plan: DayPlan, site: Site) -> list[str]:
                 f"the {label(facet)} region is weak {_when(plan, intervals, site)}: below "
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
-        paragraphs.extend(_twin(plan, index, facet))
+    for facet, twin in zip(plan.facets, twins, strict=False):
+        paragraphs.extend(_twin(plan, facet, twin))
     return paragraphs
 
 
 def _no_window(plan: DayPlan) -> str:
     settings = plan.settings
     if plan.usable.any():
-        return f"no window of {settings.window_min} min determines any of these slopes"
+        return f"no {WINDOW_MIN} min determine any of these slopes"
     is_low = plan.elevation_deg.max() < settings.low_sun_deg
     why = f"the sun stays below {settings.low_sun_deg:g}°" if is_low else "the horizon hides the sun"
     return f"{why}: nothing can be measured"
 
 
-def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
-    if plan.best_row is None:
-        return []
-    bound_deg = plan.bounds[plan.best_row]
-    tilt, azimuth = float(bound_deg.mirror_tilt_deg[index]), float(bound_deg.mirror_azimuth_deg[index])
+def _twin(plan: DayPlan, facet: tuple[float, float], twin: tuple[float, float]) -> list[str]:
+    tilt, azimuth = twin
     apart = angle_between_deg(normal(*facet), normal(tilt, azimuth))
     if not (tilt <= plan.settings.tilt_limit_deg and apart >= FLAT_DEG):
         return []
     turned = abs((azimuth - facet[1] + 180.0) % 360.0 - 180.0)
     remedies = [
         *([f"limit the tilt below {tilt:.0f}°"] if tilt > facet[0] + 1.0 else ()),
-        *(["give the azimuth"] if turned > FINE_DEG else ()),
+        *(["give the azimuth"] if turned > ASIDE_DEG else ()),
         "record for hours",
     ]
     return [
-        f"{label(facet)} has a twin: {tilt:.0f}°/{round(azimuth) % 360}° fits the best window as well; "
-        f"{' or '.join(remedies)}"
+        f"{label(facet)} has a twin: {tilt:.0f}°/{round(azimuth) % 360}° fits the best {WINDOW_MIN} min as "
+        f"well; {' or '.join(remedies)}"
     ]
 
 
@@ -151,53 +141,30 @@ def _to_ten_minutes(time_ns: int, site: Site) -> str:
     return formatting.clock_time((time_ns + ten // 2) // ten * ten, site)
 
 
-def footnotes(plan: DayPlan, site: Site) -> list[str]:
-    """Noise alone in the best window, bias budget and what the azimuth needs, one line each."""
-    if plan.best_row is None:
+def footnotes(plan: DayPlan) -> list[str]:
+    """The bias budget of the best minute, if there is one."""
+    if plan.best_minute() is None:
         return []
-    settings, which = plan.settings, "known" if plan.settings.azimuth_known else "free"
     budget = ", ".join(
         f"{formatting.number(float(kelvin), 2)} K at {label(facet)}"
         for facet, kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
     )
-    return [
-        f"camera bias budget for {settings.bias_deg:g}° of tilt: {budget}",
-        _azimuth_words(plan),
-        f"noise alone, {_best_window(plan, site)}: ±{_deviations(plan.tilt_sd_deg(plan.best_row))}° with "
-        f"azimuth {which} (1 sd, {settings.noise_k:g} K a minute and region); what is unknown of surface, "
-        "air and sky is far more",
-    ]
-
-
-def _best_window(plan: DayPlan, site: Site) -> str:
-    assert plan.best_row is not None
-    start = int(plan.time_ns[plan.rows[plan.best_row]])
-    window = (start, start + plan.settings.window_min * MINUTE_NS)
-    between = "–".join(formatting.clock_time(end, site) for end in window)
-    return f"best {plan.settings.window_min} min: {between}"
-
-
-def _azimuth_words(plan: DayPlan) -> str:
-    needed = plan.minutes_for_azimuth()
-    if not needed:
-        return "azimuth to ±10° is out of reach within 6 h"
-    return f"azimuth to ±10° needs {needed} min around the best window"
+    return [f"camera bias budget for {plan.settings.bias_deg:g}° of tilt: {budget}"]
 
 
 def page(plan: DayPlan, site: Site, title: str, light: str, session: Session | None = None) -> str:
     """The whole page: where and when, the session, warnings, chart, the day, checklist."""
     targets = ", ".join(label(facet) for facet in plan.facets)
-    best = [_no_window(plan) if plan.best_row is None else _best_window(plan, site)]
     return render(
         "plan.html",
         title=title,
         heading=heading(plan, site, light),
-        lead=session.summary if session else best,
+        lead=session.summary if session else [_no_window(plan)],
         session=session and session.table,
         warnings=warnings(plan, site),
         charts=[_chart(plan, site, session)] if plotting.available() else None,
         over_day=Table(COLUMNS, rows(plan, site), f"Regions side by side: {targets}."),
-        footnotes=footnotes(plan, site),
+        footnotes=footnotes(plan),
     )
 
 

@@ -61,7 +61,7 @@ def pages(browser, recorded, tmp_path_factory):
     fieldkit("report", noon, "-o", made["session"])
     fieldkit("report", rain, "-o", made["weather"])
     fieldkit("report", *beds.glob("recordings/*.h5"), "-o", made["campaign"])
-    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--as-planned", "--out", made["plan"])
+    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--out", made["plan"])
     fieldkit("study", "--slopes", "50", "--estimator", "unit-norm", "--out", folder / "study")
     made["study"] = folder / "study" / "study.html"
     return made

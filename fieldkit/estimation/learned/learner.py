@@ -185,7 +185,8 @@ class Learner:
                 self._follow(self._drawn_anew(ROUND, densities))
                 if self._share() >= GOOD_SHARE and self._is_near(before):
                     break
-            self._follow(self._drawn_anew(count, [*densities, self._density()][-REMEMBERED:]))
+            if count > ROUND:  # the last round has as many already
+                self._follow(self._drawn_anew(count, [*densities, self._density()][-REMEMBERED:]))
             self._judged = len(self.minutes)
 
     def _drawn(self, proposal: Proposal, count: int, around: Sequence[FloatArray | None]) -> Draw:

@@ -7,7 +7,7 @@ points drawn evenly from each, so that the region of a slope is that of the mixt
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -211,12 +211,13 @@ class Moments:
         place = self.names.index(name)
         return float(np.sqrt(self.covariance[place, place]))
 
-    def sd_if_known(self, name: str, other: str, sd: float) -> float:
-        """Standard deviation of one quantity if another were measured with `sd`."""
-        place, place_other = self.names.index(name), self.names.index(other)
-        shared = self.covariance[place, place_other]
-        measured = self.covariance[place_other, place_other] + sd**2
-        return float(np.sqrt(max(self.covariance[place, place] - shared**2 / measured, 0.0)))
+    def sd_if_known(self, name: str, readings: Mapping[str, float]) -> float:
+        """Standard deviation of one quantity if others were read with these standard uncertainties."""
+        place, others = self.names.index(name), [self.names.index(other) for other in readings]
+        shared = self.covariance[place, others]
+        measured = self.covariance[np.ix_(others, others)] + np.diag(np.square(list(readings.values())))
+        explained = shared @ np.linalg.solve(measured, shared)
+        return float(np.sqrt(max(self.covariance[place, place] - explained, 0.0)))
 
 
 STATES = ("diffuse", "circumsolar", "longwave", "air")

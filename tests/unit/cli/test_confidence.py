@@ -51,9 +51,7 @@ def test_every_text_and_page_names_the_confidence_of_the_session(folder, session
         "show": fieldkit("show", session),
         "map": fieldkit("map", session, "-o", base, "--window", "all"),
         "replay": fieldkit("replay", session),
-        "plan": fieldkit(
-            "plan", "-C", folder, "--on", "2026-01-01", "--window", "3m", "--for", "20m", "--as-planned"
-        ),
+        "plan": fieldkit("plan", "-C", folder, "--on", "2026-01-01", "--for", "20m"),
         "report": fieldkit("report", session, "-o", report) + report.read_text("utf-8"),
     }
     assert [name for name, text in outputs.items() if NINETY.search(text)] == []

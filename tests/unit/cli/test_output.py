@@ -13,7 +13,7 @@ from fieldkit.sessions.reader import open_session
 
 PLACE = ["--site", "35.56,139.4,9"]
 SUN = ["sun", *PLACE, "--at", "2026-12-11T12:00+09:00"]
-PLAN = ["plan", "--for", "20m", "--as-planned", *PLACE, "--on", "2026-12-11", "--facet", "5,180"]
+PLAN = ["plan", "--for", "20m", *PLACE, "--on", "2026-12-11", "--facet", "5,180"]
 
 
 def started(words, **given):

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.drawn_worlds import CLEAR
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.model.arrays import FloatArray
-from fieldkit.recording.experiments import PlannedSession, Run, predict_runs
+from fieldkit.recording.planned_session import PlannedSession, predict_session
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.weather import packaged_day
 from tests.harness.drawn import drawn_world
@@ -34,8 +34,7 @@ def reached_over_predicted(seeds: range, minutes: int) -> FloatArray:
         settings=settings,
         logged=frozenset({"air", "diffuse", "longwave"}),
     )
-    (planned,) = predict_runs([Run(session, (("as planned", minutes),))])
-    return np.array(reached) / planned.half_region_deg
+    return np.array(reached) / predict_session(session).planned[-1].half_region_deg
 
 
 def test_two_days_reach_what_was_planned():

@@ -20,8 +20,8 @@ from fieldkit.model.units import HOUR_NS
 from fieldkit.physics.facet import VERTICAL
 from fieldkit.physics.terrain import sunlit_cosine
 from fieldkit.recording.campaign import create_campaign
-from fieldkit.recording.experiments import Experiments, _model
 from fieldkit.recording.plan import plan
+from fieldkit.recording.planned_session import Prediction, _model
 from fieldkit.recording.record import record
 from fieldkit.sessions.reader import open_session
 from tests.harness.next_steps import at
@@ -126,7 +126,7 @@ def test_a_session_planned_on_mars_has_what_is_known_of_mars():
     assert (session.settings.body, session.settings.prior.exchange_w_m2_k) == ("mars", 1.0)
     lull, usual = _model(session).exchange.at(np.array([0.0, session.sky.wind_m_s]))
     assert 0.0 < lull < usual == 1.0
-    assert "; measured" in Experiments(session, ()).table.caption
+    assert "; measured" in Prediction(session, ()).table.caption
 
 
 def test_a_plan_on_mars_has_the_noon_of_mars_in_its_middle():

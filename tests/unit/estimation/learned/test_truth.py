@@ -167,7 +167,7 @@ def test_a_state_known_better_narrows_a_tilt_as_the_joint_distribution_says():
         information = np.linalg.inv(found.covariance)
         information[known, known] += sd**-2
         expected = np.sqrt(np.linalg.inv(information)[place, place])
-        assert found.sd_if_known("tilt1", other, sd) == pytest.approx(expected, rel=1e-6)
+        assert found.sd_if_known("tilt1", {other: sd}) == pytest.approx(expected, rel=1e-6)
 
 
 def test_what_a_reading_would_bring_is_what_it_brings():
@@ -199,7 +199,7 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     measured = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=measured_sd))
     after = moments(OneHypothesis(measured))
     for target in range(3):
-        promised = before.sd_if_known(f"tilt{target}", "longwave", sd)
+        promised = before.sd_if_known(f"tilt{target}", {"longwave": sd})
         assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
 
 
