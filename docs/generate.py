@@ -165,8 +165,8 @@ PAGES = {
 def _heading(name: str) -> tuple[str, tuple[str | int, ...]]:
     if name == "region":
         return "[[region]]", (name, 0)
-    if name == "device":
-        return "[device.NAME]", (name, "NAME")
+    if name in ("device", "trigger"):
+        return f"[{name}.NAME]", (name, "NAME")
     return f"[{name}]", (name,)
 
 

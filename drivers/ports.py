@@ -34,6 +34,7 @@ from fieldkit.drivers.identity import (
     text_in,
     usb_parent,
 )
+from fieldkit.drivers.modem_lines import SCHEME, ModemLines
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
@@ -173,6 +174,8 @@ class SerialPort:
 
 def open_port(settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()) -> Port:
     """The port at the address that `settings` name, or at `port_path`, opened."""
+    if settings.port.startswith(SCHEME):
+        return ModemLines(settings.port.removeprefix(SCHEME), clock)
     if is_address(settings.port):
         return connect(settings, line, clock)
     return SerialPort(port_path(settings, kinds), line, clock)

@@ -43,9 +43,12 @@ ENDS_WITHIN_S = 5.0
 @click.option(
     "--link", "role", type=click.Choice(["view", "control"]), help="Print one more link for the running page."
 )
+@click.option("--key", is_flag=True, help="Print a key with which a program may read /metrics for a year.")
 @click.option("--record", is_flag=True, help="Begin a recording at once, and again when it fails.")
 @common.set_option
-def command(address: str, port: int, role: Role | None, record: bool, settings: tuple[str, ...]) -> None:
+def command(
+    address: str, port: int, role: Role | None, key: bool, record: bool, settings: tuple[str, ...]
+) -> None:
     r"""Serve the field page: frame, regions, slopes, start, marks and alarms in a browser.
 
     Without a recording it shows the instruments live. A recording that is started there goes on when the page
@@ -57,6 +60,11 @@ def command(address: str, port: int, role: Role | None, record: bool, settings: 
     fieldkit page --link view           one more link, to look only
     """
     config = common.campaign(settings)
+    if key:
+        from fieldkit.page.keys import Keys
+
+        click.echo(Keys(config.recordings).new_program())
+        return
     if role is not None:
         link = _link(config, address, port, role)
         _show_qr_code(link)

@@ -46,6 +46,11 @@ if TYPE_CHECKING:
     type=DURATION,
     help="Begin with what fieldkit live or the field page has shown last, such as 2m, as far as it has it.",
 )
+@click.option(
+    "--on-trigger",
+    is_flag=True,
+    help="Wait for a trigger of fieldkit.toml to start, and after it for the next.",
+)
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
 @click.option(
     "--split",
@@ -72,13 +77,16 @@ def command(
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
     from fieldkit.recording.background import RecordOptions
-    from fieldkit.recording.record import prepare
 
     options = RecordOptions(**stated) if as_json is None else RecordOptions.model_validate_json(as_json)
     if options.duration_s is not None and options.until is not None:
         raise click.UsageError("give --for or --until, not both")
     if options.include_last_s is not None and options.at is not None:
         raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
+    if options.on_trigger and (options.at or options.include_last_s):
+        raise click.UsageError(
+            "--on-trigger begins at its time and with what was before: omit the other option"
+        )
     config = common.campaign(options.settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:
@@ -86,25 +94,54 @@ def command(
     if detach:
         _detach(config, options)
         return
+    session = _record(config, options, theme, page_address, is_detached=as_json is not None)
+    while session and options.on_trigger and not (session.was_stopped or session.summary.failure):
+        print_summary(session)
+        session = _record(config, options, theme, page_address, is_detached=as_json is not None, again=True)
+    if session is None:
+        common.say("called off: nothing more was recorded")
+        return
+    print_summary(session)
+    if session.summary.failure is not None:
+        raise session.summary.failure
+
+
+def _record(
+    config: Config,
+    options: RecordOptions,
+    theme: ThemeName,
+    page_address: str | None,
+    *,
+    is_detached: bool,
+    again: bool = False,
+) -> RecordedSession | None:
+    """Record a session, `again` only after the trigger's condition was over; None if that was called off."""
+    from fieldkit.recording.background import keep_messages
+    from fieldkit.recording.record import prepare
+
     with prepare(config, options, common.say_warning) as prepared:
-        if options.at is not None and not _wait_until(prepared, options.at, theme):
-            common.say("called off: nothing was recorded")
-            return
+        if again:
+            prepared.triggers.rearm()
+        if options.at is not None or options.on_trigger:
+            begun = _wait(prepared, options.at, theme)
+            if begun is None:
+                return None
+            prepared = begun
+        if is_detached:
+            keep_messages(prepared.path)
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
         views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
         with page_beside(config, page_address, options.settings):
-            last = run_until_stopped(prepared, views)
-    print_summary(last)
-    if last.summary.failure is not None:
-        raise last.summary.failure
+            return run_until_stopped(prepared, views)
 
 
-def _wait_until(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
-    """Show the instruments until the recording is to begin; False if that was called off."""
+def _wait(prepared: PreparedRecording, at: time | None, theme: ThemeName) -> PreparedRecording | None:
+    """Show the instruments until the recording is to begin; None if that was called off."""
     from fieldkit.recording.preview import await_begin
 
-    wait_s, title = prepared.begins_in_s(), f"waiting until {at:%H:%M}, not recorded"
-    common.say(f"the instruments are ready; recording begins at {at:%H:%M}     Ctrl-C calls it off")
+    moment = f"at {at:%H:%M}" if at else "with " + ", ".join(prepared.triggers.starts)
+    wait_s, title = prepared.begins_in_s() if at else None, f"waiting, not recorded; begins {moment}"
+    common.say(f"the instruments are ready; recording begins {moment}     Ctrl-C calls it off")
     views = terminal_views(prepared.config, prepared.instruments, title, wait_s, theme)
     with stop_on_signals() as stopping:
         return await_begin(prepared, views, stopping)
@@ -123,7 +160,7 @@ def _detach(config: Config, options: RecordOptions) -> None:
         recorder.forget()
     if common.options().json:
         common.print_json({"session": None if session is None else str(session), "process": recorder.pid})
-    what = "waits for its time" if session is None else f"recording {session.stem}"
+    what = "waits for its time or trigger" if session is None else f"recording {session.stem}"
     common.say(f"{what} in the background (process {recorder.pid})")
     common.say("next: fieldkit status  |  fieldkit page  |  fieldkit stop")
 

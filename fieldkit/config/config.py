@@ -176,9 +176,10 @@ class Config:
     def to_toml(self) -> str:
         """All active values as TOML without comments, as a session stores them.
 
-        Without the words of ``alarms.command``: they may hold a secret, and no pattern knows all of those.
+        Without the words of commands: they may hold a secret, and no pattern knows all of those.
         """
-        values = self.tables.model_dump(by_alias=True, exclude_none=True, exclude={"alarms": {"command"}})
+        commands = {table: {"command"} for table in ("alarms", "fail_safe")}
+        values = self.tables.model_dump(by_alias=True, exclude_none=True, exclude=commands)
         if self.pose is not None and (text := self.pose.table.trajectory) is not None:
             values["camera"]["pose"]["trajectory"] = _one_line(text)
         return tomlkit.dumps(values)

@@ -30,6 +30,8 @@ EXAMPLES: Mapping[tuple[str, str], str] = {
     ("thermometer", "driver"): "center-309",
     ("device", "driver"): "lutron",
 }
+NAMED: Mapping[str, str] = {"device": "second-light-meter", "trigger": "bright"}
+"""Tables of which there may be several, each with a name, and the name of the example."""
 COMMENT_COLUMN = 40
 
 PAPER_SITE: Mapping[str, Any] = {
@@ -62,8 +64,8 @@ def _tables(name: str, given: Any) -> Iterator[list[str]]:
         yield _table("[[region]]", (name, 0), first)
         for region in others:
             yield ["[[region]]", *(assignment(key, value) for key, value in region.items())]
-    elif name == "device":
-        yield _table("[device.second-light-meter]", (name, "second-light-meter"), None)
+    elif name in NAMED:
+        yield _table(f"[{name}.{NAMED[name]}]", (name, NAMED[name]), None)
     else:
         needed = json_schema()["properties"][name].get("default") is not None
         yield _table(f"[{name}]", (name,), {} if given is None and needed else given)

@@ -35,6 +35,7 @@ Cosine = Annotated[float, Field(ge=-1.001, le=1.001)]
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 Easting = Annotated[float, Field(ge=-1e8, le=1e8)]
 Height = Annotated[float, Field(ge=ELEVATIONS_M[0], le=ELEVATIONS_M[1])]
+Value = Annotated[float, Field(ge=-1e9, le=1e9)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Pixel = Annotated[float, Field(ge=-100_000, le=100_000)]
@@ -260,6 +261,33 @@ class RecordTable(Table):
         "or at a time of day such as 09:00",
         examples=["1d"],
     )
+    metrics: str = _key(
+        "",
+        "file for the numbers of the recording in OpenMetrics, such as of a node exporter's textfile folder",
+        examples=["/var/lib/node_exporter/fieldkit.prom"],
+    )
+
+
+class TriggerTable(Table):
+    """A threshold at which a recording starts, stops or is marked; in the unit that `fieldkit live` shows."""
+
+    do: Literal["start", "stop", "mark"] = _needed("start", "start is of fieldkit record --on-trigger")
+    channel: str = _needed("lux", "a meter's stream, or stream:channel, such as thermometer:T1", min_length=1)
+    above: Value | None = _unset(20000.0, "acts when the value is above; this or below is needed")
+    below: Value | None = _unset(5.0, "acts when the value is below")
+    hold_s: HeldSeconds = _key(0.0, "seconds that the value must stay there")
+    before_s: float = _key(
+        120.0, "of a start: seconds before it that are recorded too, as far as memory has them", ge=0, le=300
+    )
+
+
+class FailSafeTable(Table):
+    """An output that falls back, within 5 s, when the recording ends or dies in any way."""
+
+    line: str = _key("", "serial port whose DTR is up while a recording lives", examples=["/dev/ttyUSB1"])
+    command: list[str] = _key(
+        [], "program and arguments to run when it does not any more", examples=[["/home/pi/heater-off.sh"]]
+    )
 
 
 class LimitsTable(Table):
@@ -310,8 +338,9 @@ class AlarmsTable(LimitsTable):
         "needs fieldkit-slope[alarms]",
         examples=["~/.config/fieldkit/services.txt"],
     )
+    image: bool = _key(True, "send the camera's image with an alarm, where the service takes one")
     home_assistant: bool = _key(
-        False, "announce meters, regions and alarms to Home Assistant, through the broker of services"
+        False, "announce meters, regions, alarms and the image to Home Assistant, by the broker of services"
     )
 
 
@@ -479,6 +508,8 @@ class Tables(Table):
     slab: SlabTable = SlabTable()
     prior: Prior = Prior()
     record: RecordTable = RecordTable()
+    trigger: dict[Name, TriggerTable] = Field(default={})
+    fail_safe: FailSafeTable = FailSafeTable()
     alarms: AlarmsTable = AlarmsTable()
     limits: PossibleTable = PossibleTable()
     simulation: SimulationTable | None = None

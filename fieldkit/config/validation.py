@@ -216,8 +216,16 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _irradiance,
         _incomplete_pairs,
         _simulated_field,
+        _thresholds,
     )
     return [mistake for check in checks for mistake in check(document)]
+
+
+def _thresholds(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Triggers without a threshold."""
+    for name, table in table_in(document, "trigger").items():
+        if isinstance(table, Mapping) and not {"above", "below"} & table.keys():
+            yield Mistake(("trigger", name), "needs a threshold: above or below")
 
 
 def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -453,8 +461,8 @@ def secrets_in(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _values(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, str | int]]:
-    """Every text and whole number with its path, except the words of the command, which no session stores."""
-    if path == ("alarms", "command"):
+    """Every text and whole number with its path, except the words of commands, which no session stores."""
+    if path in (("alarms", "command"), ("fail_safe", "command")):
         return
     if isinstance(value, Mapping | list):
         parts = value.items() if isinstance(value, Mapping) else enumerate(value)

@@ -152,7 +152,7 @@ class Answers:
             report = f"/session/{identifier(path)}/report"
             return Done("done.sealed", {"session": path.stem, "report_url": report})
         session = self.conductor.start(record_options(request))
-        return Done("done.started", {"session": session.stem})
+        return Done("done.started", {"session": session.stem if session else ""})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
         log.warning(silent.at(self.config.site))

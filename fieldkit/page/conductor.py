@@ -111,8 +111,8 @@ class Conductor:
 
     # --- a recording
 
-    def start(self, options: RecordOptions) -> Path:
-        """Start ``fieldkit record`` with the page's settings, and wait until it records; its session.
+    def start(self, options: RecordOptions) -> Path | None:
+        """Start ``fieldkit record`` with the page's settings; its session, None if it waits for a trigger.
 
         Raises `RefusedError` if something is recorded already, or with what the recorder said.
         """
@@ -123,9 +123,7 @@ class Conductor:
             self._forget_child()
             child = BackgroundRecording(self.config.directory, options)
             self._child = child
-        session = child.await_start(self.config)
-        assert session is not None  # it was not told to wait for a time
-        return session
+        return child.await_start(self.config)
 
     def exit_code(self, ending: threading.Event) -> int | None:
         """Exit code of the recording that `start` started last, once it has ended (negative: by a signal).

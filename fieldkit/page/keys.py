@@ -27,6 +27,7 @@ FILE = ".page-keys.json"
 """In ``recordings/``, beside the locks; the folder is not kept under version control."""
 KEY_BYTES = 16
 LINK_LASTS_S = SESSION_LASTS_S = 24 * 3600.0
+PROGRAM_LASTS_S = 366 * SESSION_LASTS_S
 MOST_KEPT = 200
 
 
@@ -58,6 +59,13 @@ class Keys:
         key = secrets.token_urlsafe(KEY_BYTES)
         with self._changing() as (links, _):
             links.append(Grant(_hash(key), role, time.time() + LINK_LASTS_S))
+        return key
+
+    def new_program(self) -> str:
+        """A key with which a program, such as Prometheus, may look for a year."""
+        key = secrets.token_urlsafe(KEY_BYTES)
+        with self._changing() as (_, sessions):
+            sessions.append(Grant(_hash(key), "view", time.time() + PROGRAM_LASTS_S))
         return key
 
     def exchange(self, key: str) -> tuple[str, Role] | None:
@@ -95,6 +103,7 @@ class Keys:
             before = self._read()
             links, sessions = map(list, _parts(before))
             yield links, sessions
+            sessions.sort(key=lambda grant: grant.ends_at)  # browsers do not crowd out a program
             after = _Grants(tuple(links[-MOST_KEPT:]), tuple(sessions[-MOST_KEPT:]))
             if after != before:
                 self._write(after)

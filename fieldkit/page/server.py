@@ -42,6 +42,7 @@ from fieldkit.page.service import keep_recording, report_page
 from fieldkit.page.sessions import PRODUCTS, PastSessions
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
 from fieldkit.results.json_document import plain_json
+from fieldkit.views.metrics import MEDIA_TYPE, metrics
 from fieldkit.views.service_manager import notify
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -105,6 +106,7 @@ class Page:
         routes = [
             Route("/", self.serve_document),
             Route("/role", self.serve_role),
+            Route("/metrics", self.serve_metrics),
             Route("/key", self.take_key, methods=["POST"]),
             *(
                 Route(f"/session/{{session}}/{kind}", partial(self._of_session, partial(self.product, kind)))
@@ -160,6 +162,13 @@ class Page:
         """Role of this browser: ``view``, ``control``, or null without a key."""
         session = self.session_of(request)
         return JSONResponse({"role": session[0] if session else None})
+
+    async def serve_metrics(self, request: Request) -> Response:
+        """The present numbers in OpenMetrics, for a program that brings a key."""
+        if self.session_of(request) is None:
+            return await self._refuse()
+        text = metrics(self.hub.latest, is_recording=self.hub.state.phase == "recording")
+        return Response(text, media_type=MEDIA_TYPE)
 
     async def take_key(self, request: Request) -> Response:
         """Exchange the key of a link for a session, in a cookie that no script can read."""

@@ -24,11 +24,13 @@ log: logging.Logger = logging.getLogger(__name__)
 def keep_recording(conductor: Conductor, ending: threading.Event) -> None:
     """Record until `ending` is set or a person stops the recording; a recorder that fails is started again.
 
-    What it leaves is recovered first. Nothing is started where another recording runs.
+    What it leaves is recovered first. Nothing is started where another recording runs. With triggers that
+    start one, it waits for them.
     """
+    on_trigger = any(trigger.do == "start" for trigger in conductor.config.tables.trigger.values())
     while not ending.is_set():
         try:
-            conductor.start(RecordOptions(name=NAME))
+            conductor.start(RecordOptions(name=NAME, on_trigger=on_trigger))
         except FieldkitError as error:
             log.warning("no recording was started: %s", error)
         code = conductor.exit_code(ending)
@@ -52,7 +54,7 @@ REPORT_EVERY_S = 5.0
 PHASE_TEXTS: dict[Phase, str] = {
     "preview": "no recording; the page shows the instruments",
     "starting": "a recording is starting",
-    "waiting": "a recording waits for its time",
+    "waiting": "a recording waits for its time or trigger",
     "recording": "a recording that was started elsewhere goes on",
     "sealing": "the session is being sealed",
     "no-instruments": "no recording, no instruments",

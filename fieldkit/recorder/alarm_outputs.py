@@ -18,14 +18,15 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar
+from tempfile import NamedTemporaryFile
+from typing import ClassVar, Protocol
 from urllib.parse import unquote, urlsplit
 
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.alarm import Alarm, alarm_of, phase_of
+from fieldkit.model.alarm import Alarm, Phase, alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, EventKind, Health, Sample, Severity
@@ -43,6 +44,8 @@ MOST_HUNG = 3
 CLOSE_WITHIN_S = 3.0
 QUEUE_SIZE = 100
 """Alarms that wait for one output; the oldest is dropped for a new one."""
+Draw = Callable[[str], bytes]
+"""Draws the present image of a camera, or of that which sees a region, as a PNG."""
 
 
 class AlarmOutput(ABC):
@@ -58,8 +61,8 @@ class AlarmOutput(ABC):
         """Get ready, such as connect; a failure is reported, and `send` is tried nevertheless."""
 
     @abstractmethod
-    def send(self, event: Event) -> None:
-        """Send one alarm within `WITHIN_S`; raises `OSError`."""
+    def send(self, event: Event, image: str = "") -> None:
+        """Send one alarm, with the path of a PNG if there is one, within `WITHIN_S`; raises `OSError`."""
 
     def cancel(self) -> None:  # noqa: B027  # need not be defined
         """End a `send` that is under way: the recording is over. Called from another thread.
@@ -83,11 +86,11 @@ class AlarmOutputs:
     def __init__(self, outputs: Sequence[AlarmOutput] = (), least: Severity = Severity.INFO) -> None:
         self._channels, self._least = [_Channel(output) for output in outputs], least
 
-    def send(self, event: Event) -> None:
-        """Queue an alarm's event for every output; anything else is ignored."""
-        if phase_of(event) is not None and alarm_of(event).severity >= self._least:
+    def send(self, event: Event, draw: Draw | None = None) -> None:
+        """Queue an alarm's event for every output, with an image once it is raised; ignore anything else."""
+        if (phase := phase_of(event)) is not None and alarm_of(event).severity >= self._least:
             for channel in self._channels:
-                channel.put(partial(channel.output.send, event))
+                channel.put(partial(_send, channel.output, event, draw if phase is Phase.RAISED else None))
 
     def publish(self, publication: Publication) -> None:
         """Queue sensors and their states for the MQTT broker, if there is one."""
@@ -110,6 +113,19 @@ class AlarmOutputs:
         deadline = time.monotonic() + CLOSE_WITHIN_S
         for channel in self._channels:
             channel.join(deadline)
+
+
+def _send(output: AlarmOutput, event: Event, draw: Draw | None) -> None:
+    """Send an alarm, without its image where that cannot be drawn."""
+    image = ""
+    with ExitStack() as opened:
+        with suppress(Exception):  # a full disk costs the image, not the alarm
+            if draw is not None:
+                file = opened.enter_context(NamedTemporaryFile(prefix="fieldkit-", suffix=".png"))
+                file.write(draw(alarm_of(event).subject))
+                file.flush()
+                image = file.name
+        output.send(event, image)
 
 
 class _Channel:
@@ -202,10 +218,10 @@ class CommandOutput(AlarmOutput):
         self._words = words
         self._process: subprocess.Popen[bytes] | None = None
 
-    def send(self, event: Event) -> None:
-        """Run the program."""
-        program, silent = self._words[0], subprocess.DEVNULL
-        values = {f"FIELDKIT_{name.upper()}": str(value) for name, value in document(event).items()}
+    def send(self, event: Event, image: str = "") -> None:
+        """Run the program; the image is gone when it has ended."""
+        program, silent, facts = self._words[0], subprocess.DEVNULL, {**document(event), "image": image}
+        values = {f"FIELDKIT_{name.upper()}": str(value) for name, value in facts.items()}
         with subprocess.Popen(
             self._words,
             env={**os.environ, **values},
@@ -264,11 +280,12 @@ class ServiceOutput(AlarmOutput):
             raise ValueError
         self._service, self.name = service, f"{service.service_name} (line {line} of alarms.services_file)"
 
-    def send(self, event: Event) -> None:
-        """Send the alarm."""
+    def send(self, event: Event, image: str = "") -> None:
+        """Send the alarm, without the image if the service does not accept it with that."""
         title, kind = f"fieldkit {alarm_of(event).condition}", self._TYPES[event.severity]
+        notify = partial(self._service.notify, body=event.text, title=title, notify_type=kind)
         try:
-            is_accepted = self._service.notify(body=event.text, title=title, notify_type=kind)
+            is_accepted = (image and notify(attach=image)) or notify()
         except Exception as error:  # whose text may quote the address
             raise OSError(f"the service failed: {type(error).__name__}") from None
         if not is_accepted:
@@ -311,23 +328,23 @@ class MqttOutput(AlarmOutput):
         self._client.connect_async(self._host, self._port, keepalive=30)
         self._client.loop_start()
 
-    def send(self, event: Event) -> None:
-        """Publish the alarm."""
+    def send(self, event: Event, image: str = "") -> None:
+        """Publish the alarm; images have a topic of their own."""
         self._publish(alarm_topic(self.base, alarm_of(event)), json.dumps(document(event)))
 
     def publish(self, publication: Publication) -> None:
         """Publish sensors that are new, then the states; each is retained."""
         new = {topic: text for topic, text in publication.configs.items() if self._configs.get(topic) != text}
         self._configs |= new
-        for topic, text in (new | publication.states).items():
-            self._publish(topic, text)
+        for topic, payload in (new | publication.states).items():
+            self._publish(topic, payload() if callable(payload) else payload)
 
     def _begin(self) -> None:
         """At every connection: a broker that was restarted may have forgotten what it retained."""
         for topic, text in {f"{self.base}/recorder": "recording", **self._configs}.items():
             self._client.publish(topic, text, qos=1, retain=True)
 
-    def _publish(self, topic: str, text: str) -> None:
+    def _publish(self, topic: str, text: str | bytes) -> None:
         deadline = time.monotonic() + WITHIN_S
         while not self._client.is_connected() and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -346,6 +363,16 @@ class MqttOutput(AlarmOutput):
         self._client.loop_stop()
 
 
+class AlarmImage(Protocol):
+    """Keeps what is needed to draw an image once an alarm is raised."""
+
+    def update(self, item: object) -> None:
+        """Take whatever was recorded."""
+
+    def draw(self, subject: str) -> bytes:
+        """The image of a camera or region as a PNG, from any thread; raises `LookupError` without a frame."""
+
+
 @dataclass
 class AlarmWatch:
     """Function that the recorder calls for every item: returns the events to store, and sends them on.
@@ -356,6 +383,7 @@ class AlarmWatch:
     engine: AlarmEngine | None = None
     outputs: AlarmOutputs = field(default_factory=AlarmOutputs)
     sensors: HomeAssistant | None = None
+    image: AlarmImage | None = None
 
     @property
     def present(self) -> tuple[Alarm, ...]:
@@ -365,10 +393,12 @@ class AlarmWatch:
     def update(self, item: Sample | Event | Health | Minute | RegionRecord) -> list[Event]:
         """Alarms raised, acknowledged and cleared; once a second also outputs that begin to fail."""
         events = [] if self.engine is None else self.engine.update(item)
+        if self.image is not None:
+            self.image.update(item)
         self._publish(item)
         for event in events:
             self._publish(event)
-            self.outputs.send(event)
+            self.outputs.send(event, self.image.draw if self.image else None)
         if isinstance(item, Health):
             events += self.outputs.failures(item.mono_ns, item.time_ns)
         return events

@@ -103,6 +103,11 @@ class DeviceReader:
         """Put what is stamped from a time on into another queue, whose session begins then."""
         self._queues = (*self._queues[-2:], (mono_ns, queue))
 
+    def go_on(self, queue: SampleQueue, since_ns: int, sampling: Sampling, end_ns: int | None) -> None:
+        """Read for a recording from a stamp on what was read for a preview: the instrument stays open."""
+        self._sampling, self._started_ns, self._end_ns = sampling, since_ns, end_ns
+        self._queues, self._next_burst_ns = ((0, queue),), self._clock.mono_ns()
+
     def feeds(self, queue: SampleQueue) -> bool:
         """Whether a sample may still come to a queue."""
         return self.is_running and self._queue_of(0) is queue

@@ -2,7 +2,8 @@
 
 A retained document under ``homeassistant/`` describes each sensor and the topic of its state; the states
 follow once a minute. Formats and device classes: https://www.home-assistant.io, there
-``/integrations/mqtt/#mqtt-discovery``, ``/integrations/sensor.mqtt``, ``/integrations/sensor#device-class``.
+``/integrations/mqtt/#mqtt-discovery``, ``/integrations/sensor.mqtt``, ``/integrations/image.mqtt``,
+``/integrations/sensor#device-class``.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
@@ -20,7 +22,7 @@ from fieldkit.model.alarm import Alarm, alarm_of, phase_of
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.quantities import QUANTITIES, Quantity
-from fieldkit.model.samples import Event, Reading, Severity, is_usable
+from fieldkit.model.samples import Event, Frame, Reading, Severity, is_usable
 from fieldkit.model.version import __version__
 
 PREFIX = "homeassistant"
@@ -35,10 +37,13 @@ _IS_ON = "{{ 'OFF' if value_json.phase == 'cleared' else 'ON' }}"
 
 
 class Publication(NamedTuple):
-    """Texts by topic: `configs` describe sensors and are published anew at every connection."""
+    """Texts by topic: `configs` describe sensors and are published anew at every connection.
+
+    A state may be a function, called where waiting for it holds up nothing: it draws an image.
+    """
 
     configs: dict[str, str]
-    states: dict[str, str]
+    states: dict[str, str | Callable[[], bytes]]
 
 
 class _Value(NamedTuple):
@@ -60,18 +65,21 @@ class HomeAssistant:
     title: str
     streams: Sequence[StreamInfo]
     least: Severity = Severity.INFO
+    draw: Callable[[str], bytes] | None = None
     _latest: dict[str, Reading] = field(default_factory=dict, repr=False)
+    _cameras: set[str] = field(default_factory=set, repr=False)
 
     def update(self, item: object) -> Publication | None:
         """The publication after an item: sensors after a minute, an alarm's after its event."""
         if isinstance(item, Reading):
             self._latest[item.stream] = item
+        elif isinstance(item, Frame):
+            self._cameras.add(item.stream)
         elif isinstance(item, Minute):
-            values = [*self._readings(), *_regions(item)]
-            configs = dict(self._sensor(value) for value in values)
-            return Publication(
-                configs, {_topic(self.base, *value.words): _text(value.value) for value in values}
-            )
+            values, images = [*self._readings(), *_regions(item)], self._images()
+            configs = dict([*map(self._sensor, values), *(self._image(topic) for topic in images)])
+            texts = {_topic(self.base, *value.words): _text(value.value) for value in values}
+            return Publication(configs, {**texts, **images})
         elif isinstance(item, Event) and phase_of(item) and alarm_of(item).severity >= self.least:
             return Publication(dict([self._problem(alarm_of(item))]), {})
         return None
@@ -86,6 +94,15 @@ class HomeAssistant:
             for name, value in zip(info.channel_names, reading.values, strict=False):
                 words = ("stream", info.name, *([name] if len(info.channel_names) > 1 else []))
                 yield _value(words, quantity, value if is_usable(reading.quality) else math.nan)
+
+    def _images(self) -> dict[str, str | Callable[[], bytes]]:
+        """The image of every camera that has sent a frame, by its topic."""
+        draw, cameras = self.draw, sorted(self._cameras)
+        return {_topic(self.base, "image", name): partial(draw, name) for name in cameras} if draw else {}
+
+    def _image(self, topic: str) -> tuple[str, str]:
+        words = ("image", topic.rpartition("/")[2])
+        return self._config("image", words, {"image_topic": topic, "content_type": "image/png"})
 
     def _sensor(self, one: _Value) -> tuple[str, str]:
         return self._config("sensor", one.words, {"state_topic": _topic(self.base, *one.words), **one.kind})

@@ -23,6 +23,7 @@ from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
+from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder.alarm_outputs import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
@@ -82,7 +83,8 @@ class Recorder:
     `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `requests`
     yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is
     monotonic; `stopping` may be set before the recorder exists. `earlier` are samples from before the
-    start, in order, that the session begins with. Call `run` once.
+    start, in order, that the session begins with; `readers` read already, and from the stamp `since_ns` on
+    for this session. Call `run` once.
 
     From `split_ns` (monotonic) on samples belong to the session of another recorder, whose `previous` is this
     one and which has its instruments, views and alarms: call `record`, then `finish` in a thread of its own.
@@ -103,6 +105,8 @@ class Recorder:
     alarms: AlarmWatch = field(default_factory=AlarmWatch)
     stopping: threading.Event = field(default_factory=threading.Event)
     earlier: Iterable[Sample] = ()
+    readers: Sequence[DeviceReader] = ()
+    since_ns: int = 0
     split_ns: int | None = None
     previous: InitVar[Recorder | None] = None
 
@@ -110,7 +114,9 @@ class Recorder:
         self._start_text = "recording started"
         if previous is None:
             self._queue = self._new_queue()
-            self._readers = [self._reader(device) for device in self.devices]
+            self._readers = list(self.readers) or [self._reader(device) for device in self.devices]
+            for reader in self.readers:
+                reader.go_on(self._queue, self.since_ns, self.sampling, self.end_ns)
         else:
             self._queue, self._readers = previous._next_queue, previous._readers
             self._start_text = f"the recording {previous.writer.path.stem} goes on"
@@ -134,6 +140,11 @@ class Recorder:
     def stop(self) -> None:
         """Ask for an orderly end; safe from any thread and from signal handlers."""
         self.stopping.set()
+
+    def end(self) -> None:
+        """End as at the planned end, which now is; safe from any thread."""
+        for reader in self._readers:
+            reader.stop()
 
     def run(self) -> Summary:
         """Record; returns when the session is sealed.
@@ -279,7 +290,8 @@ class Recorder:
         """Store what was measured before the start; the queue keeps what comes meanwhile."""
         for sample in self.earlier:
             self._keep_sample(sample)
-        if count := self._counts.total():
+        was_before = self.clock.mono_ns() - self.since_ns > SECOND_NS  # and not while readers went over
+        if was_before and (count := self._counts.total()):
             text = f"{count} samples of the preview before are included"
             self._report(EventKind.START, text, data={"samples": count})
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from fieldkit.config import Config
 from fieldkit.config.toml_schema import AlarmsTable, LimitsTable
 from fieldkit.model.alarm import Condition, Rule
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.samples import Severity
+from fieldkit.model.samples import Frame, Severity, is_showable
+from fieldkit.model.site import RegionRecord
 from fieldkit.recorder.alarm_outputs import (
     AlarmOutput,
     AlarmOutputs,
@@ -23,6 +24,8 @@ from fieldkit.recorder.alarm_outputs import (
 from fieldkit.recorder.alarms import AlarmEngine, AlarmSettings, Limits
 from fieldkit.recorder.home_assistant import HomeAssistant
 from fieldkit.recording.preflight import sampling_of
+from fieldkit.views import frame_image
+from fieldkit.views.latest import Latest
 
 UNKNOWN_INTERVAL_S = 5.0
 """Between samples of a stream that does not declare its rate."""
@@ -31,18 +34,43 @@ UNKNOWN_INTERVAL_S = 5.0
 def alarm_watch(config: Config, streams: Sequence[StreamInfo]) -> AlarmWatch:
     """The alarms of a recording; raises `ConfigError` if an output cannot be set up."""
     outputs = tuple(outputs_of(config))
-    sensors = _sensors(config, streams, outputs) if config.tables.alarms.home_assistant else None
+    image = LastImage(config, streams) if config.tables.alarms.image and outputs else None
+    sensors = _sensors(config, streams, outputs, image) if config.tables.alarms.home_assistant else None
     engine = AlarmEngine(alarm_settings(config, streams))
-    return AlarmWatch(engine, AlarmOutputs(outputs, least_sent(config)), sensors)
+    return AlarmWatch(engine, AlarmOutputs(outputs, least_sent(config)), sensors, image)
 
 
-def _sensors(config: Config, streams: Sequence[StreamInfo], outputs: Sequence[AlarmOutput]) -> HomeAssistant:
+class LastImage:
+    """The last frame of each camera that is fit to be shown, drawn when an image is needed."""
+
+    def __init__(self, config: Config, streams: Sequence[StreamInfo]) -> None:
+        self._latest = Latest(config.site, config.regions, streams)
+
+    def update(self, item: object) -> None:
+        """Keep a frame and the regions as they are redrawn; ignore anything else."""
+        if isinstance(item, RegionRecord) or (isinstance(item, Frame) and is_showable(item.quality)):
+            self._latest.update(item)
+
+    def draw(self, subject: str) -> bytes:
+        """The frame of a camera, of a region's, or else of the first, as a PNG; `LookupError` without one."""
+        latest = self._latest
+        cameras = {region.name: region.camera for region in latest.regions}
+        frame = latest.frames.get(subject) or latest.frame_of(cameras.get(subject, ""))
+        if frame is None:
+            raise LookupError("no frame yet")
+        regions = regions_on(frame.stream, latest.regions, latest.streams.values())
+        return frame_image.png(frame, latest.streams[frame.stream], regions)
+
+
+def _sensors(
+    config: Config, streams: Sequence[StreamInfo], outputs: Sequence[AlarmOutput], image: LastImage | None
+) -> HomeAssistant:
     broker = next((output for output in outputs if isinstance(output, MqttOutput)), None)
     if broker is None:
         fix = "write mqtt://HOST/TOPIC into the file that alarms.services_file names"
         raise ConfigError("needs the broker of Home Assistant", place="alarms.home_assistant", fix=fix)
     title = config.tables.campaign.title or config.directory.name
-    return HomeAssistant(broker.base, title, streams, least_sent(config))
+    return HomeAssistant(broker.base, title, streams, least_sent(config), image.draw if image else None)
 
 
 def least_sent(config: Config) -> Severity:

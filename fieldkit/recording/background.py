@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, ClassVar
 
@@ -18,6 +20,7 @@ from fieldkit.model.errors import RefusedError
 from fieldkit.recording.running import LOOK_EVERY_S, session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 
+PRINTED_MAX = 1_000_000
 STARTS_WITHIN_S = 60.0
 """And each instrument's `connect_timeout_s`, after which one that hangs is given up."""
 
@@ -27,8 +30,8 @@ class RecordOptions(BaseModel):
 
     `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
     replaces `duration_s`. `include_last_s` is how far back the samples of a preview that ends now become the
-    recording's first. `split` replaces that of ``[record]``. `settings` are ``KEY=VALUE`` over
-    ``fieldkit.toml``.
+    recording's first. `split` replaces that of ``[record]``. With `on_trigger` the recording waits for a
+    trigger. `settings` are ``KEY=VALUE`` over ``fieldkit.toml``.
     """
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid")
@@ -40,13 +43,28 @@ class RecordOptions(BaseModel):
     include_last_s: float | None = None
     allow_missing: bool = False
     split: str = ""
+    on_trigger: bool = False
     settings: tuple[str, ...] = ()
+
+
+def keep_messages(session: Path) -> None:
+    """Have what this process prints on stderr from now on in ``NAME.log`` beside a session.
+
+    What a `BackgroundRecording` printed before comes first; of an earlier session's log nothing is repeated.
+    """
+    with suppress(OSError), session.with_suffix(".log").open("ab") as file:
+        sys.stderr.flush()
+        with suppress(OSError):  # that log cannot be read
+            file.write(os.pread(sys.stderr.fileno(), PRINTED_MAX, 0))
+        file.flush()
+        os.dup2(file.fileno(), sys.stderr.fileno())
 
 
 class BackgroundRecording:
     """A ``fieldkit record`` of a campaign with `options`, begun at once.
 
-    Its errors go to a file without a name, which outlives who began it: a pipe would end with them.
+    Its messages go to a file without a name, which outlives who began it: a pipe would end with them; once it
+    records, to one beside its session.
     """
 
     def __init__(self, campaign: Path, options: RecordOptions) -> None:

@@ -11,10 +11,11 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import math
 import shutil
 import uuid
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FieldkitError, SessionError
 from fieldkit.model.samples import UNNUMBERED, Frame, Reading, Sample
 from fieldkit.model.units import SECOND_NS
+from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.opening import Instruments
 from fieldkit.recording.preflight import Notify
@@ -43,13 +45,10 @@ KEPT_BYTES = 128_000_000
 """As much of a preview stays in memory as fits both."""
 
 
-class LastSamples:
-    """A view that keeps the last samples of a preview, and leaves them to a recorder that asks for them."""
+class SampleRing:
+    """A view that keeps the last samples in memory."""
 
-    def __init__(self, config: Config, instruments: Instruments) -> None:
-        self._folder = config.recordings / FOLDER
-        self._header = SessionHeader(title="", site=config.site, streams=instruments.streams)
-        self._clock = instruments.clock
+    def __init__(self) -> None:
         self._kept: deque[Sample] = deque()
         self._bytes = 0
 
@@ -61,6 +60,23 @@ class LastSamples:
             oldest_ns = item.mono_ns - round(KEPT_S * SECOND_NS)
             while self._bytes > KEPT_BYTES or self._kept[0].mono_ns < oldest_ns:
                 self._bytes -= _size(self._kept.popleft())
+
+    def since(self, mono_ns: int) -> list[Sample]:
+        """The samples from a time on (monotonic), as far as they are kept."""
+        return [sample for sample in self._kept if sample.mono_ns >= mono_ns]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class LastSamples(SampleRing):
+    """The last samples of a preview, which it leaves to a recorder that asks for them."""
+
+    def __init__(self, config: Config, instruments: Instruments) -> None:
+        super().__init__()
+        self._folder = config.recordings / FOLDER
+        self._header = SessionHeader(title="", site=config.site, streams=instruments.streams)
+        self._clock = instruments.clock
 
     def close(self) -> None:
         """Leave what is kept to the recorder, if one asked for it; it records without, where that fails."""
@@ -108,12 +124,22 @@ def left_samples(recordings: Path) -> Iterator[LeftSamples | None]:
         yield left
 
 
+def reach_s(streams: Sequence[StreamInfo]) -> float:
+    """Time that memory holds of the samples of all these streams, seconds."""
+    bytes_per_s = sum(info.rate_hz * 2 * math.prod(info.shape) for info in streams if info.is_camera)
+    return min(KEPT_S, KEPT_BYTES / max(1.0, bytes_per_s))
+
+
 @dataclass(frozen=True, slots=True)
 class Included:
-    """Samples from before a recording that become its first ones, in order; `start_ns` is monotonic."""
+    """Samples from before a recording that become its first ones, in order; `start_ns` is monotonic.
+
+    `readers` read already, and go on for the recording.
+    """
 
     start_ns: int
     samples: Iterable[Sample]
+    readers: Sequence[DeviceReader] = ()
 
 
 @dataclass(frozen=True, slots=True)

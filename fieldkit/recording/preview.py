@@ -6,11 +6,14 @@ recorder that waits for its time shows its instruments by `await_begin`.
 
 from __future__ import annotations
 
+import collections
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,13 +23,14 @@ from fieldkit.model.device import Camera, StreamInfo, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.next_step import Action
-from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
+from fieldkit.model.samples import Event, Frame, Health, Reading, Sample, StreamHealth, is_showable
 from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S
-from fieldkit.recording.last_samples import LastSamples
+from fieldkit.recording.last_samples import Included, LastSamples, SampleRing
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.record import MinuteView, PreparedRecording, config_of
+from fieldkit.recording.recordings import session_path
 from fieldkit.recording.running import WAITING_NAME, previewing
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.views import frame_image
@@ -81,18 +85,32 @@ def live(
         LivePreview(config, instruments, shown).run(duration_s, recorder_waits)
 
 
-def await_begin(prepared: PreparedRecording, views: Sequence[View], stopping: threading.Event) -> bool:
-    """Show the instruments until the recording is to begin; False if `stopping` is set before.
+def await_begin(
+    prepared: PreparedRecording, views: Sequence[View], stopping: threading.Event
+) -> PreparedRecording | None:
+    """Show the instruments until the recording is to begin, by its time or a trigger.
 
-    They are read all the time, so that the first samples of the recording are not old ones from a buffer.
+    They are read all the time: the same readers go on for the recording, so that nothing is lost in between,
+    and a trigger's first samples are those of the time before it. None if `stopping` is set before.
     """
+    triggers, clock, ring = prepared.triggers, prepared.instruments.clock, SampleRing()
+    preview = LivePreview(prepared.config, prepared.instruments, [*views, ring, triggers])
+
+    def is_due() -> bool:
+        return triggers.started is not None if prepared.on_trigger else prepared.begins_in_s() <= 0.0
+
     waiting = SessionLock(prepared.path.parent, WAITING_NAME)
     try:
-        preview = LivePreview(prepared.config, prepared.instruments, views)
-        preview.run(prepared.begins_in_s(), stopping.is_set)
+        readers = preview.run(None, lambda: stopping.is_set() or is_due(), keeps=is_due)
     finally:
         waiting.release()
-    return not stopping.is_set()
+    if not readers:
+        return None
+    samples = ring.since(triggers.since_ns) if triggers.started else []
+    start_ns = samples[0].mono_ns if samples else clock.mono_ns()
+    included = Included(start_ns, chain(samples, preview.left_samples()), readers)
+    path = session_path(prepared.config, prepared.name, clock.to_utc_ns(start_ns))
+    return replace(prepared, included=included, path=path)
 
 
 def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
@@ -156,8 +174,16 @@ class LivePreview:
         self.measure(config)
         self._next_health_ns = 0
 
-    def run(self, duration_s: float | None, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Show until the duration or the preview is over, the instruments end, or an interrupt."""
+    def run(
+        self,
+        duration_s: float | None,
+        is_over: Callable[[], bool] = lambda: False,
+        keeps: Callable[[], bool] = lambda: False,
+    ) -> list[DeviceReader]:
+        """Show until the duration or the preview is over, the instruments end, or an interrupt.
+
+        If `keeps` is true then, the readers that are returned go on, for a recording; else all have ended.
+        """
         readers = self._readers(duration_s)
         self.instruments.clock.hold_until(self._queue.is_settled)
         try:
@@ -170,7 +196,20 @@ class LivePreview:
                 self._process_next()
                 self._show_health(readers)
         finally:
-            self._end(readers)
+            self._estimating.close()
+            for view in self.views:  # first, to give the terminal back: a reader may need a moment to end
+                view.close()
+            if not keeps():
+                self._end(readers)
+                readers = []
+        return readers
+
+    def left_samples(self) -> Iterator[Sample]:
+        """What was read and is not shown any more."""
+        while (item := self._queue.get(0.0)) is not None:
+            if isinstance(item, Frame | Reading):
+                yield item
+            self._queue.finish(item)
 
     def _is_unfinished(self) -> bool:
         """True if samples or minutes are still to be shown, unless estimating takes too long."""
@@ -243,12 +282,9 @@ class LivePreview:
         )
 
     def _end(self, readers: Sequence[DeviceReader]) -> None:
-        """Close the views first, to give the terminal back: a reader may need a moment to end."""
-        self._estimating.close()
-        for view in self.views:
-            view.close()
         for reader in readers:
             reader.stop()
+        collections.deque(self.left_samples(), maxlen=0)  # or they wait for a simulated clock that is held
         deadline = time.monotonic() + READERS_END_WITHIN_S
         for reader in readers:
             reader.join(max(0.0, deadline - time.monotonic()))

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, time
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,15 +22,18 @@ from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.channels import with_components
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.durations import as_seconds, times_of_day
+from fieldkit.model.durations import as_seconds, rounded_duration, times_of_day
+from fieldkit.model.errors import ConfigError, DeviceAccessError
 from fieldkit.model.mark_times import moments_of
-from fieldkit.model.samples import Sample
+from fieldkit.model.next_step import Action
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
+from fieldkit.recorder.fail_safe import FailSafe
 from fieldkit.recorder.recorder import Shown
+from fieldkit.recorder.triggers import Triggers
 from fieldkit.recording.alarms import alarm_watch
 from fieldkit.recording.background import RecordOptions
-from fieldkit.recording.last_samples import Included, ask_for_last_samples, left_samples
+from fieldkit.recording.last_samples import Included, ask_for_last_samples, left_samples, reach_s
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.recording.recordings import session_path
@@ -40,6 +44,7 @@ from fieldkit.recording.requests import inbox
 from fieldkit.recording.running import PREVIEW_ENDS_WITHIN_S, PREVIEW_LOCK_NAME, only_recorder
 from fieldkit.recording.status import reported_status
 from fieldkit.recording.status_request import feed_path
+from fieldkit.recording.triggers import triggers_of
 from fieldkit.results.minutes import keep_recorded
 from fieldkit.results.session import Session, open_session
 from fieldkit.sessions.layout import SessionHeader
@@ -48,6 +53,7 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed
 from fieldkit.views.latest import Latest
+from fieldkit.views.metrics import MetricsFile
 from fieldkit.views.terminal_view import NotebookLine, is_notebook
 
 if TYPE_CHECKING:
@@ -156,12 +162,14 @@ def _stopped_by_interrupt() -> Iterator[threading.Event]:
 class RecordedSession:
     """A session that was recorded and sealed: its file, and how the recording went.
 
-    `earlier` are those that came before it in a recording that was split.
+    `earlier` are those that came before it in a recording that was split; `was_stopped` if it was asked to
+    end, and did not end as planned or by a trigger.
     """
 
     path: Path
     summary: Summary
     earlier: tuple[RecordedSession, ...] = ()
+    was_stopped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +184,17 @@ class PreparedRecording:
     begins_ns: int | None = None
     included: Included | None = None
     split: str = ""
+    triggers: Triggers = field(default_factory=Triggers)
+    on_trigger: bool = False
+    fail_safe: FailSafe | None = None
+
+    def own_views(self) -> Iterator[View]:
+        """Views that a recording has besides those that show it."""
+        yield self.triggers
+        if self.fail_safe is not None:
+            yield self.fail_safe
+        if path := self.config.tables.record.metrics:
+            yield MetricsFile(self.config.directory / Path(path).expanduser(), self.latest())
 
     def begins_in_s(self) -> float:
         """Seconds until the time at which the recording is to begin; 0 without one, or once it has come."""
@@ -204,9 +223,10 @@ class PreparedRecording:
         """
         start_ns = self.instruments.clock.mono_ns()
         end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)
-        series = _Series(self, views, stopping or threading.Event(), command_line, end_ns)
+        stopping = stopping or threading.Event()
+        series = _Series(self, views, stopping, command_line, end_ns)
         included = self.included or Included(start_ns, ())
-        session = series.begin(self.path, included.start_ns, included.samples)
+        session = series.begin(self.path, included.start_ns, included)
         # a session is sealed, which takes minutes after a long day, while the next one is recorded
         with ThreadPoolExecutor(thread_name_prefix="seal") as sealing:
             earlier = []
@@ -217,7 +237,8 @@ class PreparedRecording:
                 earlier.append(sealed)
                 session = following
             last = session.finish()
-        return replace(last, earlier=tuple(before.result() for before in earlier))
+        all_before = tuple(before.result() for before in earlier)
+        return replace(last, earlier=all_before, was_stopped=stopping.is_set())
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +281,8 @@ class _Series:
         end_ns: int | None,
     ) -> None:
         config, instruments = prepared.config, prepared.instruments
-        self._prepared, self._views, self._stopping, self._end_ns = prepared, views, stopping, end_ns
+        self._prepared, self._stopping, self._end_ns = prepared, stopping, end_ns
+        self._views = (*views, *prepared.own_views())
         self._header = header_of(config, prepared.name, instruments.streams, command_line)
         self._alarms = alarm_watch(config, instruments.streams)
         self._redrawing = Redrawing(config.regions, camera_views(config, instruments.streams), config.site)
@@ -280,11 +302,15 @@ class _Series:
         return following
 
     def begin(
-        self, path: Path, start_ns: int, samples: Iterable[Sample] = (), previous: Recorder | None = None
+        self,
+        path: Path,
+        start_ns: int,
+        included: Included | None = None,
+        previous: Recorder | None = None,
     ) -> _OpenSession:
         """A session from a time on (monotonic); raises as `SessionWriter`."""
         config, instruments = self._prepared.config, self._prepared.instruments
-        regions, clock = self._redrawing.regions, instruments.clock
+        regions, clock, triggers = self._redrawing.regions, instruments.clock, self._prepared.triggers
         writer = SessionWriter(path, replace(self._header, regions=regions), clock, start_ns)
         requests = RequestReader(inbox(path), clock, self._redrawing)
         followers = self._followers(path)
@@ -298,16 +324,19 @@ class _Series:
             sampling=sampling_of(config),
             views=(*self._views, *followers),
             end_ns=self._end_ns,
-            requests=requests,
-            last_requests=requests.close,
+            requests=lambda: chain(requests(), triggers.events()),
+            last_requests=lambda: chain(requests.close(), triggers.events()),
             disk_reserve_bytes=disk_reserve_bytes(config),
             alarms=self._alarms,
             stopping=self._stopping,
-            earlier=samples,
+            earlier=included.samples if included else (),
+            readers=included.readers if included else (),
+            since_ns=start_ns,
             # by an anchor of its own a session may begin a little before the time of day at which it does
             split_ns=self._split_ns(max(start_ns, clock.mono_ns()) + (MINUTE_NS // 2 if previous else 0)),
             previous=previous,
         )
+        triggers.end = recorder.end
         return _OpenSession(path, recorder, requests, followers)
 
     def _split_ns(self, mono_ns: int) -> int | None:
@@ -351,7 +380,9 @@ def prepare(
         opened.enter_context(only_recorder(config.recordings))
         await_unlocked(config.recordings, PREVIEW_LOCK_NAME, PREVIEW_ENDS_WITHIN_S)
         left = opened.enter_context(left_samples(config.recordings))
-        scene_s = None if options.at else duration_s  # a simulated field goes on while its recorder waits
+        scene_s = (
+            None if options.at or options.on_trigger else duration_s
+        )  # a simulated field goes on while its recorder waits
         instruments = opened.enter_context(
             open_instruments(
                 config,
@@ -373,9 +404,41 @@ def prepare(
         path = session_path(config, options.name, instruments.clock.to_utc_ns(start_ns))
         begins_ns = None if options.at is None else now_ns + wait_ns
         split = options.split or config.tables.record.split
+        triggers = triggers_of(config, instruments.streams, notify)
+        if options.on_trigger:
+            _check_start(triggers, instruments.streams, notify)
         yield PreparedRecording(
-            config, instruments, path, options.name, duration_s, begins_ns, included, split
-        )
+            config, instruments, path, options.name, duration_s, begins_ns, included, split,
+            triggers, options.on_trigger, opened.enter_context(_fail_safe(config)),
+        )  # fmt: skip
+
+
+def _check_start(triggers: Triggers, streams: Sequence[StreamInfo], notify: Notify) -> None:
+    """Raise `ConfigError` without a trigger that starts; name what memory holds of the time before it."""
+    if not triggers.starts:
+        fix = 'write [trigger.bright] with do = "start", channel = "lux", above = 20000.0'
+        raise ConfigError("no trigger starts a recording", place="trigger", fix=fix)
+    reach, longest_s = reach_s(streams), max(trigger.before_s for trigger in triggers.triggers)
+    if reach < longest_s:
+        held = f"memory holds {rounded_duration(reach)} of these instruments"
+        notify(f"{held}: a trigger cannot include the {rounded_duration(longest_s)} before it")
+
+
+@contextmanager
+def _fail_safe(config: Config) -> Iterator[FailSafe | None]:
+    """The fail-safe output, as long as a recording is prepared; raises `DeviceAccessError`."""
+    table = config.tables.fail_safe
+    try:
+        output = FailSafe(table.line, table.command) if table.line or table.command else None
+    except OSError as error:
+        raise DeviceAccessError(
+            f"cannot be held: {error}", place="fail_safe.line", fix=Action.DOCTOR()
+        ) from error
+    try:
+        yield output
+    finally:
+        if output is not None:
+            output.close()
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:

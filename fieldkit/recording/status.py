@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.recording.running import UnresponsiveRecorder, unresponsive_recorder
 from fieldkit.results.describe import brief, recorded_learnt
 from fieldkit.results.estimate import as_document, estimator_for
-from fieldkit.results.json_document import learnt_document, plain_json
+from fieldkit.results.json_document import attributes, learnt_document, plain_json
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -71,7 +71,7 @@ def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
 
 
 def _document(status: RecordingStatus) -> dict[str, Any]:
-    latest, silent = status.latest, status.unresponsive
+    latest, silent, step = status.latest, status.unresponsive, status.latest.clock_event
     minute, regions = latest.minute, {region.name: region for region in latest.regions}
     slopes = minute.estimates if minute else ()
     return {
@@ -82,7 +82,18 @@ def _document(status: RecordingStatus) -> dict[str, Any]:
         "slopes": [as_document(slope, regions.get(slope.region)) for slope in slopes],
         "learnt": learnt_document(minute.learnt if minute else None),
         "surface_temperature_k": dict(minute.temperature_k) if minute else {},
+        "spread_k": dict(minute.spread_k) if minute else {},
+        "irradiance": attributes(minute, "dni_w_m2", "irradiance_model") if minute else None,
+        "sun": attributes(minute, "sun_zenith_deg", "sun_azimuth_deg") if minute else None,
         "readings": {name: list(reading.values) for name, reading in latest.readings.items()},
+        "streams": {
+            name: {"rate_hz": latest.rate_hz(name), "age_s": latest.age_s(name), **latest.troubles(name)}
+            for name in latest.streams
+        },
+        "disk": attributes(latest.health, "disk_free_bytes", "written_bytes") if latest.health else None,
+        "clock": {"since_ns": latest.start_ns, "changed": step and attributes(step, "time_ns", "text")},
+        "planned_end_ns": latest.planned_end_ns,
+        "alarms": [asdict(alarm) for alarm in latest.alarms],
         "events": [
             {"time_ns": event.time_ns, "text": event.text, "kind": event.kind.name.lower(),
              "label": str(event.data.get("label", ""))}

@@ -154,6 +154,17 @@ class Latest:
         streams = self.health.streams if self.health else ()
         return next((stream for stream in streams if stream.stream == name), None)
 
+    def troubles(self, name: str) -> dict[str, int]:
+        """Samples of a stream that were lost, garbled, implausible, and its gaps; empty before the first."""
+        if (stream := self.stream_health(name)) is None:
+            return {}
+        return {
+            "lost": stream.dropped,
+            "garbled": stream.rejected,
+            "implausible": stream.implausible,
+            "gaps": self.gaps.get(name, 0),
+        }
+
     def rate_hz(self, name: str) -> float:
         """Samples a second of a stream over the last minute; NaN until two seconds are known."""
         counts = [

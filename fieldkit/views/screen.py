@@ -272,13 +272,8 @@ def _stream_words(latest: Latest, name: str) -> Text:
     if stream is None:
         return Text("waiting", "quiet")
     text = Text(f"{formatting.rate(latest.rate_hz(name)):>6} {formatting.number(stream.received):>7} ")
-    troubles = {
-        "lost": stream.dropped,
-        "garbled": stream.rejected,
-        "implausible": stream.implausible,
-        "gaps": latest.gaps.get(name, 0),
-    }
-    if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
+    troubles = latest.troubles(name).items()
+    if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles if count):
         return text.append(counts, "warning")
     age_s = latest.age_s(name)
     ago = f"{rounded_duration(age_s)} ago"

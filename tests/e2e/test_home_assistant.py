@@ -48,7 +48,7 @@ def retained(port: int) -> dict[str, str]:
     client = client_module.Client(CallbackAPIVersion.VERSION2)
     client.on_connect = lambda connected, *_: connected.subscribe("#")
     client.on_message = lambda _client, _data, message: found.update(
-        {message.topic: message.payload.decode()}
+        {message.topic: message.payload.decode(errors="replace")}
     )
     client.connect("127.0.0.1", port)
     client.loop_start()
@@ -86,17 +86,21 @@ def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker, tmp_pat
     assert {"fieldkit_my_field_region_b15_tilt", "fieldkit_my_field_stream_lux"} <= sensors
     assert any(topic.startswith("homeassistant/binary_sensor/my_field/alarm_moved") for topic in configs)
     assert found["my field/recorder"] == "ended"
+    assert "homeassistant/image/my_field/image_camera/config" in configs
+    assert found["my field/image/camera"][1:4] == "PNG"
     tilt = float(found["my field/region/b15/tilt"])
     assert tilt == pytest.approx(15.0, abs=5.0)  # of the simulated bed
     assert 10_000 < float(found["my field/stream/lux"]) < 200_000
 
 
 def is_found_and_understood(topic: str, config: dict[str, Any], found: dict[str, str]) -> None:
-    assert re.fullmatch(r"homeassistant/(binary_)?sensor/[a-zA-Z0-9_-]+/[a-zA-Z0-9_-]+/config", topic)
-    assert config["state_topic"] in found
+    assert re.fullmatch(r"homeassistant/((binary_)?sensor|image)/[a-zA-Z0-9_-]+/[a-zA-Z0-9_-]+/config", topic)
+    assert config.get("state_topic", config.get("image_topic")) in found
     assert config["availability"][0]["topic"] in found
     assert config["device"]["identifiers"]
-    if topic.startswith("homeassistant/binary_sensor"):
+    if topic.startswith("homeassistant/image"):
+        assert config["content_type"] == "image/png"
+    elif topic.startswith("homeassistant/binary_sensor"):
         assert config["device_class"] == "problem"
         assert json.loads(found[config["state_topic"]])["phase"] in ("raised", "acknowledged", "cleared")
     else:

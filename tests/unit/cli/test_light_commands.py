@@ -135,7 +135,17 @@ def test_the_status_has_the_latest_slopes_without_heavy_libraries(recording):
     results = run(f"status -C {folder} --json", f"status -C {folder}", f"ls -C {folder}")
     assert [code for code, _ in results] == [0] * 3
     document, status, listed = (printed for _, printed in results)
-    slopes = json.loads(document)["slopes"]
+    known = json.loads(document)
+    slopes = known["slopes"]
+    assert known["streams"]["lux"].keys() == {"rate_hz", "age_s", "lost", "garbled", "implausible", "gaps"}
+    assert known["streams"]["lux"]["lost"] == 0
+    assert known["streams"]["lux"]["rate_hz"] > 0
+    assert known["disk"]["disk_free_bytes"] > known["disk"]["written_bytes"] > 0
+    assert known["clock"]["changed"] is None
+    assert 0 < known["clock"]["since_ns"] < slopes[0]["time_ns"]
+    assert known["irradiance"]["dni_w_m2"] > 0
+    assert 0 < known["sun"]["sun_zenith_deg"] < 90
+    assert known["alarms"] == []
     assert {"b05", "b15", "b25"} <= {slope["region"] for slope in slopes}
     assert f"recording {session.name} since" in status
     assert "\x1b" not in status  # no colours in a pipe

@@ -61,6 +61,9 @@ def test_a_detached_recording_goes_on_until_it_is_stopped(campaign):
     assert run(campaign, "stop").exit_code == 0
     with open_session(session) as stored:
         assert stored.state == "sealed"
+    messages = session.with_suffix(".log").read_text()
+    assert session.stem in messages.splitlines()[0]
+    assert f"sealed {session}" in messages or "sealed" not in messages  # --json prints no summary
 
 
 @pytest.mark.parametrize(("connect_s", "begins"), [(30.0, True), (0.01, False)])

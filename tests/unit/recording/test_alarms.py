@@ -1,5 +1,6 @@
 """Every fault of the simulated field raises its alarm once, in time, and clears it; replay finds the same."""
 
+import base64
 import json
 import queue
 import socket
@@ -12,6 +13,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from fieldkit.config import FILE_NAME, load_config
@@ -21,7 +24,7 @@ from fieldkit.model.alarm import Alarm, Condition, Phase, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder import alarm_outputs
-from fieldkit.recorder.alarm_outputs import AlarmOutputs, ServiceOutput
+from fieldkit.recorder.alarm_outputs import AlarmOutputs, CommandOutput, ServiceOutput
 from fieldkit.recording.alarms import alarm_settings, outputs_of
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
@@ -222,6 +225,31 @@ def test_an_output_that_fails_is_one_event(tmp_path):
     assert b"s3cr3t" not in done.path.read_bytes()  # the words of a command are not stored
 
 
+def test_a_command_gets_the_image_while_it_runs(tmp_path):
+    copy = f"import os, shutil; shutil.copy(os.environ['FIELDKIT_IMAGE'], {str(tmp_path / 'alarm.png')!r})"
+    output, frame = CommandOutput([sys.executable, "-c", copy]), b"\x89PNG"
+    outputs = AlarmOutputs([output])
+    alarm = Alarm("shade", "b25", Severity.WARNING, 0, "b25")
+    asked: list[str] = []
+    outputs.send(alarm.event(Phase.RAISED, 0, 0), lambda subject: asked.append(subject) or frame)
+    outputs.close()
+    assert asked == ["b25"]
+    wait_until((tmp_path / "alarm.png").exists, "no image is copied")
+    assert (tmp_path / "alarm.png").read_bytes() == frame
+    assert not list(outputs.failures(0, 0))
+
+
+def test_an_image_that_cannot_be_drawn_leaves_the_alarm(tmp_path):
+    command = CommandOutput(
+        [sys.executable, "-c", "import os, sys; sys.exit(len(os.environ['FIELDKIT_IMAGE']))"]
+    )
+    outputs = AlarmOutputs([command])
+    alarm = Alarm("lost", "camera", Severity.ERROR, 0, "no frame")
+    outputs.send(alarm.event(Phase.RAISED, 0, 0), lambda _: b""[1])
+    outputs.close()
+    assert not list(outputs.failures(0, 0))
+
+
 class Dripping(BaseHTTPRequestHandler):
     """Answers alarms with a header that never ends, except at one address."""
 
@@ -310,6 +338,7 @@ class Service(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         message = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.posted.append((self.path, message["type"], message["message"]))
+        self.server.images += [base64.b64decode(one["base64"]) for one in message["attachments"]]
         self.send_response(200 if self.path == "/s3cr3t" else 404)
         self.end_headers()
 
@@ -321,7 +350,7 @@ def test_alarms_reach_a_service_and_its_token_nothing_else(tmp_path, caplog, cap
     pytest.importorskip("apprise")
     caplog.set_level("DEBUG")
     with ThreadingHTTPServer(("127.0.0.1", 0), Service) as server:
-        server.posted = []
+        server.posted, server.images = [], []
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"json://127.0.0.1:{server.server_port}"
         setting = services(tmp_path, f"\n{address}/s3cr3t\n{address}/s3cr3t-of-nobody\n")
@@ -331,6 +360,8 @@ def test_alarms_reach_a_service_and_its_token_nothing_else(tmp_path, caplog, cap
         server.shutdown()
     (alarm,) = [event for event in alarms_of(done.path) if phase_of(event) is Phase.RAISED]
     assert ("/s3cr3t", "warning", alarm.text) in server.posted
+    image = cv2.imdecode(np.frombuffer(server.images[0], np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape[1] > 960  # of the camera, enlarged, with its scale
     with open_session(done.path) as session:
         texts = [event.text for event in session.events()]
         stored = session.config_toml
