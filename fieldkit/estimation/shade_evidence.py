@@ -55,8 +55,6 @@ UNSTEADY_W_M2 = 100.0
 
 Judged: because less is not seen behind `LEAST_SD_W_M2`.
 """
-MEDIAN_OF_NORMAL = 0.6745
-"""Median of the absolute value of a standard normal number."""
 EDGE_SDS = 2.0
 """Fall, in standard deviations, beyond which a minute beside a shade is part of it.
 
@@ -124,10 +122,9 @@ def _sunlight_w_m2(history: History) -> FloatArray:
     """Absorbed sunlight of regions (n, regions) up to a constant of each, as of nominal sand."""
     minute, kelvin = history.minute, history.temperature_k
     even = np.arange(minute[0], minute[-1] + 1)
-    finite = np.isfinite(kelvin)
     filled = [
-        np.interp(even, minute[is_seen], column[is_seen]) if is_seen.any() else np.full(even.size, np.nan)
-        for is_seen, column in zip(finite.T, kelvin.T, strict=True)
+        np.interp(even, minute[seen], column[seen]) if seen.any() else even * np.nan
+        for seen, column in zip(np.isfinite(kelvin).T, kelvin.T, strict=True)
     ]
     taken_up = conducted_flux(NOMINAL, np.column_stack(filled), 60.0)[minute - minute[0]]
     taken_up[0] = taken_up[min(1, len(minute) - 1)]  # there is no minute before to see the first one's flux
@@ -155,7 +152,8 @@ def _fall(over: FloatArray, level: FloatArray, lit: IntArray, minute: IntArray) 
     steady -= np.median(per_minute) * (minute - minute[0])
     around = np.abs(minute[:, np.newaxis] - minute[lit]) <= LIT_MIN
     fall = _medians(np.where(around, steady[lit], np.nan)) - steady
-    return fall, max(float(np.median(np.abs(fall[lit]))) / MEDIAN_OF_NORMAL, LEAST_SD_W_M2)
+    # the median of the absolute value of a standard normal number is 0.6745
+    return fall, max(float(np.median(np.abs(fall[lit]))) / 0.6745, LEAST_SD_W_M2)
 
 
 def _decided(

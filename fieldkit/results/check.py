@@ -44,6 +44,7 @@ COOLING_MINUTES = 10
 LEAST_FALL_K = 1.0
 BRIGHT_W_M2 = 200.0
 """Less direct light leaves no shadow that could be missed."""
+CORRECT_MARK = "correct its time or take it back: fieldkit mark --list"
 SAME_DEG = 1e-6
 """Difference that another processor's rounding can make; nobody could tell it from none."""
 
@@ -130,7 +131,7 @@ def _mark_findings(session: SessionReader) -> Iterator[Finding]:
     for number, mark in session.marks().items():
         if not first <= mark.time_ns // MINUTE_NS <= last:
             text = f"lies outside the recording and is not used: {mark.text}"
-            yield Finding("warn", f"mark {number}", text, _correct_marks(session))
+            yield Finding("warn", f"mark {number}", text, CORRECT_MARK)
 
 
 def _doubtful_findings(session: SessionReader) -> Iterator[Finding]:
@@ -141,11 +142,7 @@ def _doubtful_findings(session: SessionReader) -> Iterator[Finding]:
     columns = RegionColumns(minutes.regions)
     layout = Layout.of(columns, columns.targets, minutes.settings)
     for shade in doubtful(minutes.history, layout, minutes.regions):
-        yield Finding("warn", shade.region, str(shade), _correct_marks(session))
-
-
-def _correct_marks(session: SessionReader) -> str:
-    return f"correct its time or take it back: fieldkit mark --list --session {session.path}"
+        yield Finding("warn", shade.region, str(shade), CORRECT_MARK)
 
 
 def _estimate_findings(session: SessionReader) -> list[Finding]:

@@ -62,6 +62,13 @@ def test_a_minute_without_a_reading_moves_no_slope(world, undisturbed, column, r
     assert moved(world, undisturbed, emptied(world.history, column, row, 2)) <= 0.25
 
 
+@pytest.mark.parametrize("column", ["dni_w_m2", "air_k"])
+def test_an_empty_cell_gives_what_the_rows_without_it_give(world, column):
+    without = emptied(world.history, "minute", 21, 0)
+    slopes = SlopeChain(world.regions, world.settings).at_once(without).slopes
+    assert moved(world, slopes, emptied(world.history, column, 21, 0)) <= 0.1
+
+
 @pytest.mark.slow
 def test_no_minute_and_no_reading_moves_a_slope(world, undisturbed):
     """All of them; what cannot be is emptied before (`test_what_cannot_be_is_as_if_it_were_not_there`)."""
