@@ -181,7 +181,7 @@ def test_a_mark_outside_the_recording_is_refused_where_it_is_made_and_found_wher
     writer.put(replace(before, time_ns=before.time_ns - 60 * MINUTE_NS))
     writer.close()
     outside = [
-        finding for finding in check(path, estimates=False).findings if finding.what.startswith("mark")
+        finding for finding in check(path, estimates=False).findings if finding.what.startswith("mark ")
     ]
     assert [(finding.what, finding.level) for finding in outside] == [("mark 2", "warn")]
     with fieldkit.open_session(path) as session:
