@@ -95,7 +95,7 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
         f"estimate, of which some are wide; SD {sd_words(sd)}. RMSE: measured surface temperature "
         " against eq. (7), the reference standing in for air and sky."
     )
-    errors = ("MAE ± SD °", "n", "wide", "RMSE K", "clouded min")
+    errors = ("MAE (SD) °", "n", "wide", "RMSE K", "clouded min")
     return Table(("day", "session", "region", "tilt °", "given", *errors), rows, caption)
 
 

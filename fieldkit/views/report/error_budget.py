@@ -156,7 +156,7 @@ def _calibration_rows(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
 
 
 def _either_way(degrees: float) -> str:
-    return f"±{formatting.number(abs(degrees), 1)}°"
+    return f"{formatting.number(abs(degrees), 1)}°"
 
 
 def _degrees(budget: ErrorBudget, term_w_m2: float) -> str:

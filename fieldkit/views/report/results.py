@@ -46,7 +46,7 @@ def accuracy(data: ReportData) -> Table:
         "also fits": "Also fits: another slope, tilt/azimuth, that explains the same minutes.",
         "K per °": "K per °: change of the temperature difference with tilt.",
         "last error °": "Last error: final tilt less given tilt.",
-        "mean |error| ± SD °": "Mean |error|: absolute difference to the given tilt, over all n minutes with "
+        "mean |error| (SD) °": "Mean |error|: absolute difference to the given tilt, over all n minutes with "
         f"an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}.",
         "n": "",
     }
@@ -75,7 +75,7 @@ def likelihood_words(settings: EstimatorSettings) -> str:
     if settings.offset_sd_k > 0:
         parts.append(f"an offset between regions of {settings.offset_sd_k:g} K")
     emissivity_sds = {settings.emissivity_sd, *settings.own_emissivity_sd.values()} - {0.0}
-    parts += [f"an emissivity of ±{sd:.3f}" for sd in sorted(emissivity_sds)]
+    parts += [f"an emissivity good to {sd:.3f}" for sd in sorted(emissivity_sds)]
     if settings.model == "learned":
         parts.append(f"a drift between them of {settings.drift_sd_k_per_h:g} K/h")
         return f"covers {', '.join(parts)}, and what prior and data leave open of every parameter learnt"
@@ -89,7 +89,9 @@ def likelihood_words(settings: EstimatorSettings) -> str:
             "a conductivity of the sand": settings.conductivity_sd,
             "its heat capacity": settings.capacity_sd,
         }
-        parts.append(f"a ground's albedo of ±{GROUND_ALBEDO_SD:.2f}, the shape of the sky, its diffuse light")
+        parts.append(
+            f"a ground's albedo good to {GROUND_ALBEDO_SD:.2f}, the shape of the sky, its diffuse light"
+        )
     parts += [f"{name} good to {sd:.0%}" for name, sd in relative_sds.items() if sd > 0]
     if settings.model == "paper":
         parts.append(f"and {PAPER_SCALE_SD:.0%} of scale for what the paper's model omits")

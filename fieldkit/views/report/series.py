@@ -77,7 +77,7 @@ class TargetSeries:
         """The mean absolute tilt error and its scatter, degrees."""
         scatter = sd_of_absolute_error(self.estimated_tilt_deg, self.region.tilt_deg, sd)
         mean = self.mean_error_deg
-        return f"{mean:.1f} ± {scatter:.2f}" if np.isfinite(mean) else formatting.UNKNOWN
+        return f"{mean:.1f} ({scatter:.2f})" if np.isfinite(mean) else formatting.UNKNOWN
 
     @property
     def final_words(self) -> str:

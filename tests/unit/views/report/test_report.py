@@ -139,7 +139,7 @@ def test_picture_shows_the_regions(page_text):
 
 
 @pytest.mark.usefixtures("without_matplotlib")  # its words are of a table
-@pytest.mark.parametrize(("sd", "said"), [("paper", "2.0 ± 0.25"), ("usual", "2.0 ± 1.00")])
+@pytest.mark.parametrize(("sd", "said"), [("paper", "2.0 (0.25)"), ("usual", "2.0 (1.00)")])
 def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
     minutes = [make_minute(index, tilt_deg=15.0 + error) for index, error in enumerate([1.0, -3.0] * 8)]
     text = Page(written(minutes=minutes, sd=sd)).text

@@ -8,7 +8,7 @@ from fieldkit.views.report import results
 from fieldkit.views.report.series import ReportData
 
 SLOPES = {"tilt": "tilt °", "given": "given", "state": "state"}
-ACCURACY = {"error": "last error °", "mae": "mean |error| ± SD °", "n": "n"}
+ACCURACY = {"error": "last error °", "mae": "mean |error| (SD) °", "n": "n"}
 
 
 @pytest.fixture
@@ -33,8 +33,8 @@ def test_slopes_held_over_a_cloud_count_for_nothing(make_minute, cell):
     held = {"state": SlopeState.HELD_CLOUD, "flags": Quality.CLOUD, "tilt_deg": 40.0}
     minutes = [make_minute(0, tilt_deg=16.0), make_minute(1, **held), make_minute(2, tilt_deg=18.0)]
     assert cell(minutes, "n") == 2
-    assert cell(minutes, "mae") == "2.0 ± 1.00"  # errors of 1 and 3 degrees
-    assert cell(minutes, "mae", sd="paper") == "2.0 ± 0.71"  # eq. (9): n outside the root
+    assert cell(minutes, "mae") == "2.0 (1.00)"  # errors of 1 and 3 degrees
+    assert cell(minutes, "mae", sd="paper") == "2.0 (0.71)"  # eq. (9): n outside the root
 
 
 def test_a_bed_without_an_estimate_has_a_dash_and_no_error(make_minute, cell):
