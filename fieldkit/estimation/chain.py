@@ -473,8 +473,8 @@ class _Group:
         if self._learner is None:
             return ""
         flux, sd = readout.drying_w_m2(self._learner, self._place(index))
-        dries = flux < -DRIES_SDS * sd
-        return f"it dries: {-flux:.0f} ± {sd:.0f} W/m² at first, more than the others" if dries else ""
+        dries, half = flux < -DRIES_SDS * sd, interval_sds(self._settings.confidence) * sd
+        return f"it dries: {-flux:.0f} ± {half:.0f} W/m² at first, more than the others" if dries else ""
 
     def _doubts(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> Iterator[str]:
         """Why a slope that fits is not known well enough for the purpose; nothing if it is."""
