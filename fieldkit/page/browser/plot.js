@@ -65,7 +65,7 @@ function timeAxis(x, top) {
   const first = Math.ceil(from / step) * step, count = Math.max(0, Math.floor((to - first) / step) + 1);
   return Array.from({ length: count }, (_, i) => first + i * step).flatMap((ms) => [
     el("path", { class: "grid", d: `M${x(ms)} ${top}v${BOX.height}` }),
-    el("text", { x: x(ms), y: top + BOX.height + 14, class: "of-time" }, clockTime(ms, minuteTime))]);
+    el("text", { x: Math.min(x(ms), x(to) - 10), y: top + BOX.height + 14, class: "of-time" }, clockTime(ms, minuteTime))]);
 }
 
 /** Runs of minutes for which `holds`, each as the indices of its minutes; a long pause ends a run. */
