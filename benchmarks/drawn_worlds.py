@@ -21,7 +21,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.predict import field_history
 from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
-from fieldkit.simulation.boards import boards_in_turn
+from fieldkit.simulation.boards import Board
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged_day, read_station_file
@@ -51,6 +51,8 @@ SOUTH, RANDOM = "south", "random"
 CLEAR, BROKEN_CLOUD, AUGUST, JUNE = "clear", "broken", "august", "june"
 FEBRUARY, OCTOBER = "february", "october"
 NOON_H, LEAD_MIN, SESSION_MIN = 12.0, 180, 180
+WITHIN_MIN = 0.5
+"""Boards are held by hand: they come and go within a minute and not at its ends."""
 BOARD_MIN, FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN = 5, 10, 15
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
@@ -183,9 +185,15 @@ def _model(
         transmissions=(),
         response_s=1.0,
         circumsolar_share=field.circumsolar_share,
-        boards=boards_in_turn(beds, LEAD_MIN + FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN, BOARD_MIN),
+        boards=tuple(_board(bed, number) for number, bed in enumerate(beds)),
     )
     return model, noon_ns
+
+
+def _board(bed: str, number: int) -> Board:
+    """The board over a bed, the beds one after the other."""
+    begin_min = LEAD_MIN + FIRST_BOARD_MIN + WITHIN_MIN + BETWEEN_BOARDS_MIN * number
+    return Board(bed, 60.0 * begin_min, 60.0 * (begin_min + BOARD_MIN))
 
 
 def day_of(day: str) -> tuple[Site, Sky, int]:

@@ -113,7 +113,7 @@ class Prediction:
     @property
     def table(self) -> html.Table:
         """The prediction for people, a column for each target."""
-        rows = [(row.name, f"{row.minutes} min", *_cells(row)) for row in self.rows]
+        rows = [(row.name, f"{row.minutes} min", *self._cells(row)) for row in self.rows]
         return html.Table(("session", "after", *map(label, self.session.facets)), rows, self._caption)
 
     @property
@@ -124,7 +124,7 @@ class Prediction:
         return (
             f"Half of the {percent(session.settings.confidence)} region of each tilt, {ONE_DRAW}{air}; "
             f"measured beside frames and light: {', '.join(measured) or 'nothing'}. Measures that narrow one "
-            f"by {percent(LEAST_GAIN)} or more, with what they leave at most."
+            f"by {percent(LEAST_GAIN)} or more, with what they bring at least."
         )
 
     @property
@@ -134,10 +134,10 @@ class Prediction:
         ends = (self.session.start_ns, self.session.start_ns + planned.minutes * MINUTE_NS)
         between = "–".join(formatting.clock_time(end, site) for end in ends)
         sure = percent(self.session.settings.confidence)
-        cells = "  ".join(_cells(planned))
+        cells = "  ".join(self._cells(planned))
         lines = [f"after {planned.minutes} min ({between}) tilt {cells} ({sure}): {self.verdict(planned)}"]
         measures = self.rows[len(self.planned) :][:1]
-        return lines + [f"narrowed most {best.name}: {'  '.join(_cells(best))}" for best in measures]
+        return lines + [f"narrowed most {best.name}: {'  '.join(self._cells(best))}" for best in measures]
 
     @property
     def course(self) -> tuple[IntArray, FloatArray]:
@@ -158,6 +158,13 @@ class Prediction:
         ]
         return "; ".join(words) or "good"
 
+    def _cells(self, row: Expected) -> list[str]:
+        """Half-widths as planned, of a measure by how much less it leaves; ``–`` where it is hardly any."""
+        if row.name == AS_PLANNED:
+            return [_about(half) for half in row.half_region_deg]
+        shares = np.divide(row.half_region_deg, self.planned[-1].half_region_deg)
+        return ["–" if np.isnan(share) else f"−{percent(round(1.0 - share, 2))}" for share in shares]
+
     def _repr_html_(self) -> str:
         return html.table_html(self.table)
 
@@ -174,13 +181,10 @@ class Prediction:
         return pd.DataFrame(records, columns=columns)
 
 
-def _cells(row: Expected) -> list[str]:
-    """Half-widths no finer than one draw determines them: ``≈2.5°``."""
-    no_width = "two slopes fit" if row.name == AS_PLANNED else "–"
-    return [no_width if np.isnan(half) else _about(half) for half in row.half_region_deg]
-
-
 def _about(half_deg: float) -> str:
+    """A half-width no finer than one draw determines it: ``≈2.5°``."""
+    if np.isnan(half_deg):
+        return "two slopes fit"
     step, digits = (1.0, 0) if half_deg >= 5.0 else (0.5, 1) if half_deg >= 1.0 else (0.1, 1)
     return f"≈{round(half_deg / step) * step:.{digits}f}°"
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +10,6 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.simulation.sky import SkyState
 
-WITHIN_MIN = 0.5
-"""Boards are held by hand: they come and go within a minute and not at its ends."""
 HIDDEN_SKY = 0.8
 """Share of the sky that a board hides from the bed under it; light and air enter at its sides."""
 
@@ -38,13 +34,3 @@ class Board:
             dhi_w_m2=(1.0 - hidden) * sky.dhi_w_m2,
             longwave_down_w_m2=(1.0 - hidden) * sky.longwave_down_w_m2 + hidden * from_board,
         )
-
-
-def boards_in_turn(
-    beds: Iterable[str], first_min: float, every_min: float, lasts_min: float
-) -> tuple[Board, ...]:
-    """A board over each bed in turn, the first one in the minute `first_min` of the scene; all in minutes."""
-    begins = (first_min + WITHIN_MIN + every_min * number for number in itertools.count())
-    return tuple(
-        Board(bed, 60.0 * begin, 60.0 * (begin + lasts_min)) for bed, begin in zip(beds, begins, strict=False)
-    )

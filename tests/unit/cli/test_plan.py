@@ -233,7 +233,7 @@ def test_the_session_leads(tmp_path):
     assert lines[1].startswith("after 45 min (")
     # 20 degrees within 4 is wider than 0.15 of it, 10 within 1.96 not wider than 2 degrees
     assert lines[1].endswith("tilt ≈2.0°  ≈4.0° (90 %): wide for 20°/180°")
-    assert lines[2].endswith("with air: ≈1.0°  ≈1.0°")
+    assert lines[2].endswith("with air: −51 %  −76 %")
     assert "≈4.0°" in page.read_text(encoding="utf-8")
     found = document(*AUGUST)
     assert found["verdict"] == "wide for 20°/180°"
