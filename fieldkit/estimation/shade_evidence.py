@@ -114,7 +114,12 @@ def _judged(flagged: BoolArray, history: History) -> BoolArray:
         lit = np.setdiff1d(np.flatnonzero(np.isfinite(over + level)), rows)
         if lit.size >= LEAST_LIT:
             fall, sd = _fall(over, level, lit, minute)
-            shaded[:, region] = _decided(flagged[:, region], fall, depth, sd, is_near)
+            believed = flagged[:, region].copy()
+            decided = _decided(believed, fall, depth, sd, is_near)
+            # a mark is one hypothesis: where most of it is wrong the rest is no evidence
+            for first, end in _contradicted(believed, decided):
+                believed[first:end] = False
+            shaded[:, region] = _decided(believed, fall, depth, sd, is_near)
     return shaded
 
 
@@ -170,16 +175,20 @@ def _decided(
     return np.asarray(shaded | (beside & is_near & (fall > EDGE_SDS * lit)))
 
 
-def doubtful_shades(flagged: BoolArray, history: History, names: Sequence[str]) -> list[DoubtfulShade]:
-    """Flags that lasted for minutes of which most were in the sun, as in `likely_shaded`.
+def _contradicted(flagged: BoolArray, shaded: BoolArray) -> list[tuple[int, int]]:
+    """First row and end of flags (n,) that lasted for minutes of which most were in the sun."""
+    edges = np.flatnonzero(np.diff(np.pad(flagged.astype(int), 1))).reshape(-1, 2).tolist()
+    # the first minute is shaded in part
+    return [
+        (first, end) for first, end in edges if end - first > 1 and not shaded[first + 1 : end].mean() > 0.5
+    ]
 
-    `names` are those of the columns.
-    """
-    shaded, doubtful = likely_shaded(flagged, history), []
-    for region, name in enumerate(names):
-        edges = np.flatnonzero(np.diff(np.pad(flagged[:, region].astype(int), 1)))
-        for first, end in edges.reshape(-1, 2).tolist():
-            # the first minute is shaded in part
-            if end - first > 1 and not shaded[first + 1 : end, region].mean() > 0.5:
-                doubtful.append(DoubtfulShade("shade", name, int(history.minute[first])))
-    return doubtful
+
+def doubtful_shades(flagged: BoolArray, history: History, names: Sequence[str]) -> list[DoubtfulShade]:
+    """Flags of regions with these names that most of their minutes contradict, as in `likely_shaded`."""
+    shaded = likely_shaded(flagged, history)
+    return [
+        DoubtfulShade("shade", name, int(history.minute[first]))
+        for region, name in enumerate(names)
+        for first, _ in _contradicted(flagged[:, region], shaded[:, region])
+    ]
