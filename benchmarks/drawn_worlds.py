@@ -49,15 +49,18 @@ GUESSED = Spread(
 DRIFT_SD_K_PER_H = 0.1
 SOUTH, RANDOM = "south", "random"
 CLEAR, BROKEN_CLOUD, AUGUST, JUNE = "clear", "broken", "august", "june"
-FEBRUARY, OCTOBER = "february", "october"
+DECEMBER, FEBRUARY = "december", "february"
 NOON_H, LEAD_MIN, SESSION_MIN = 12.0, 180, 180
 WITHIN_MIN = 0.5
 """Boards are held by hand: they come and go within a minute and not at its ends."""
 BOARD_MIN, FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN = 5, 10, 15
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
-FORMULA_DAYS = {AUGUST: "2017-08-30", JUNE: "2017-06-21", FEBRUARY: "2017-02-15", OCTOBER: "2017-10-20"}
+SUMMER_DAYS = {AUGUST: "2017-08-30", JUNE: "2017-06-21"}
 """Days by formula at the paper's site; the first is the paper's."""
+WINTER_DAYS = {DECEMBER: "2015-12-10", FEBRUARY: "2016-02-05"}
+"""Days by formula at Alamosa."""
+WINTER_AIR_K = 270.0
 DAY_NS = 1440 * MINUTE_NS
 
 
@@ -101,7 +104,7 @@ def drawn_world(
     seed
         Of everything drawn.
     day
-        ``"clear"`` or ``"broken"`` at Alamosa, a key of `FORMULA_DAYS`, or the path of a station's file.
+        ``"clear"`` or ``"broken"`` at Alamosa, a key of `SUMMER_DAYS` or `WINTER_DAYS`, or the path of a station's file.
     beds
         ``"south"`` for 5, 15 and 25 degrees to the south, ``"random"`` for 3 to 30 degrees to any side.
     as_configured
@@ -198,16 +201,20 @@ def _board(bed: str, number: int) -> Board:
 
 def day_of(day: str) -> tuple[Site, Sky, int]:
     """Site, sky and local noon, to the hour of the mean sun, of a day."""
-    if day in FORMULA_DAYS:
-        date_ns = int(np.datetime64(FORMULA_DAYS[day], "ns").astype(np.int64))
-        # winter days are cooler than the formula's summer
-        warmth_k = 300.0 if day in (AUGUST, JUNE) else 285.0
-        return PAPER_SITE, ClearSky(air_temperature_k=warmth_k), _noon_ns(PAPER_SITE, date_ns)
+    if day in SUMMER_DAYS:
+        return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, _date_ns(SUMMER_DAYS[day]))
+    if day in WINTER_DAYS:
+        site = packaged_day().site
+        return site, ClearSky(air_temperature_k=WINTER_AIR_K), _noon_ns(site, _date_ns(WINTER_DAYS[day]))
     weather = (
         packaged_day() if day == CLEAR else read_station_file(BROKEN if day == BROKEN_CLOUD else Path(day))
     )
     middle_ns = int(weather.time_ns[len(weather.time_ns) // 2])
     return weather.site, MeasuredSky(weather), _noon_ns(weather.site, middle_ns // DAY_NS * DAY_NS)
+
+
+def _date_ns(date: str) -> int:
+    return int(np.datetime64(date, "ns").astype(np.int64))
 
 
 def _noon_ns(site: Site, day_ns: int) -> int:
