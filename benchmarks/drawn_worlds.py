@@ -104,7 +104,8 @@ def drawn_world(
     seed
         Of everything drawn.
     day
-        ``"clear"`` or ``"broken"`` at Alamosa, a key of `SUMMER_DAYS` or `WINTER_DAYS`, or the path of a station's file.
+        ``"clear"`` or ``"broken"`` at Alamosa, a key of `SUMMER_DAYS` or `WINTER_DAYS`, or the path of a
+        station's file.
     beds
         ``"south"`` for 5, 15 and 25 degrees to the south, ``"random"`` for 3 to 30 degrees to any side.
     as_configured
