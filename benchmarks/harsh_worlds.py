@@ -112,6 +112,8 @@ class Harm:
 
     def sizes(self) -> str:
         """What is not harmless, as name and size."""
+        if self == HARSH:
+            return "everything at the sizes of `benchmarks.harsh_worlds.Harm`"
         sizes = {name: getattr(self, name) for name in self.__slots__}
         return ", ".join(
             f"{name} {value}" for name, value in sizes.items() if value != getattr(HARMLESS, name)
