@@ -66,7 +66,7 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
-    from fieldkit.results.estimate import as_document, estimates_of
+    from fieldkit.results.estimate import as_document, estimate, estimates_of
     from fieldkit.views.report.assessment import mean_error, truths_held
     from fieldkit.views.report.series import series
 
@@ -79,9 +79,9 @@ def _conclude(
         common.print_json({**files, "slopes": documents, "mean_tilt_error_deg": error_deg})
         return
     common.say(f"done in {took_s:.0f} s")
-    print_slopes(slopes, regions, minutes[-1].learnt if minutes else None)
+    learnt = minutes[-1].learnt if minutes else None
+    print_slopes(slopes, regions, learnt, estimate(path).checks)
     explain_slopes(slopes.values())
-    click.echo(f"mean error of tilt, all beds, all afternoon: {error_deg:.1f}° (the report compares models)")
     click.echo(truths_held(columns))
     click.echo(f"session  {path}\nreport   {report}")
     quoted_path = shlex.quote(str(path))

@@ -133,7 +133,7 @@ def _estimate_together(
     if common.options().json:
         common.print_json({"together": list(map(str, estimates.sessions)), **slopes_document(estimates)})
     else:
-        print_slopes(estimates.final, estimates.regions, estimates.learnt.final)
+        print_slopes(estimates.final, estimates.regions, estimates.learnt.final, estimates.checks)
         explain_slopes(estimates.final.values())
         quoted_paths = shlex.join(map(str, paths))
         common.say(
@@ -177,5 +177,5 @@ def _print(sessions: EstimatedSessions) -> None:
     for name, estimates in sessions.estimates.items():
         if len(sessions.estimates) > 1:
             click.echo(name)
-        print_slopes(estimates.final, estimates.regions, estimates.learnt.final)
+        print_slopes(estimates.final, estimates.regions, estimates.learnt.final, estimates.checks)
     explain_slopes(slope for estimates in sessions.estimates.values() for slope in estimates.final.values())

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
+import click
+
 from fieldkit.cli import common
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region
-from fieldkit.model.slope import CERTAIN, SHORT_FIELDS, SlopeEstimate
+from fieldkit.model.slope import CERTAIN, SHORT_FIELDS, ReferenceCheck, SlopeEstimate
 from fieldkit.views import formatting, learnt_words
 
 SHORT = tuple(field.short for field in SHORT_FIELDS)
@@ -16,9 +18,15 @@ COLUMNS = ("region", "truth", "tilt", "noise", "error", "azimuth", *SHORT, "stat
 
 
 def print_slopes(
-    estimates: Mapping[str, SlopeEstimate], regions: Sequence[Region], learnt: Learnt | None = None
+    estimates: Mapping[str, SlopeEstimate],
+    regions: Sequence[Region],
+    learnt: Learnt | None = None,
+    checks: Iterable[ReferenceCheck] = (),
 ) -> None:
-    """Print the final estimate of each target, what was learnt, the findings, and reasons to doubt them."""
+    """Print the final estimate of each target, what was learnt, the findings, and reasons to doubt them.
+
+    Each reference follows, as all others show it.
+    """
     by_name = {region.name: region for region in regions}
     common.print_table(COLUMNS, [_row(estimate, by_name[name]) for name, estimate in estimates.items()])
     print_learnt(learnt)
@@ -27,6 +35,8 @@ def print_slopes(
     for name, estimate in estimates.items():
         if estimate.reason and estimate.state not in CERTAIN:
             common.say(f"{name}: {estimate.reason}")
+    for check in checks:
+        click.echo(formatting.reference_check(check))
 
 
 def print_learnt(learnt: Learnt | None) -> None:

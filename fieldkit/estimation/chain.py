@@ -36,7 +36,7 @@ from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import CERTAIN, SlopeEstimate, SlopeState, is_too_wide
+from fieldkit.model.slope import CERTAIN, ReferenceCheck, SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import tilt_azimuth
@@ -170,10 +170,9 @@ class SlopeChain:
             return {}
         return budgets(*history.in_place().at_last(self.schedule), self._of_bins)
 
-    def reference_checks(self, history: History) -> tuple[SlopeEstimate, ...]:
-        """The slope of each reference by all others, after `at` of this history; none with fewer than two."""
-        corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
-        return self._groups[0].reference_checks(corrected) if self._learns and self._groups else ()
+    def reference_checks(self) -> tuple[ReferenceCheck, ...]:
+        """Each reference's slope by all others, after `at`; none with fewer than two, or by bins alone."""
+        return tuple(self._groups[0].reference_checks()) if self._learns and self._groups else ()
 
     def _learned_slopes(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
@@ -411,23 +410,11 @@ class _Group:
         if not any(minute.sun[2] > 0.0 for minute in learner.minutes):
             return replace(blank, state=SlopeState.LOW_SUN, reason=NO_SUN)
         slope = self._found[index]
-        filled = self._filled(blank, slope, learner, self._place(index))
-        if not self._has_seen_the_sun(learner, slope.best):
-            reason = "the sun has not reached it: what is known of it comes from skylight alone"
-            return replace(filled, state=SlopeState.SHADED, reason=reason)
-        if why := self._contradiction(learner, index):
-            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
-        return self._with_state(filled, slope, index)
-
-    def _filled(
-        self, blank: SlopeEstimate, slope: readout.KnownSlope, learner: Learner, target: int
-    ) -> SlopeEstimate:
-        """The numbers of a slope; `target` is of the layout, -1 the first reference."""
-        region = self._layout.region(target)
+        target = self._place(index)
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
-        if target >= 0 and self._layout.facing[target].shape[1] == 2:
-            azimuth = self._columns.regions[self._layout.columns[region]].azimuth_deg % 360.0
-        return replace(
+        if self._layout.facing[target].shape[1] == 2:
+            azimuth = self._columns.regions[self._targets[index]].azimuth_deg % 360.0
+        filled = replace(
             blank,
             tilt_deg=tilt,
             azimuth_deg=azimuth,
@@ -436,9 +423,15 @@ class _Group:
             azimuth_low_deg=slope.region.azimuth_low_deg,
             azimuth_high_deg=slope.region.azimuth_high_deg,
             tilt_half_width_deg=slope.half_width_deg,
-            chi_square=self._errors.chi_square(region),
+            chi_square=self._errors.chi_square(self._layout.region(target)),
             kelvin_per_degree=_kelvin_per_degree(learner, target, tilt, azimuth),
         )
+        if not self._has_seen_the_sun(learner, slope.best):
+            reason = "the sun has not reached it: what is known of it comes from skylight alone"
+            return replace(filled, state=SlopeState.SHADED, reason=reason)
+        if why := self._contradiction(learner, index):
+            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
+        return self._with_state(filled, slope, index)
 
     def _with_state(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
@@ -573,20 +566,17 @@ class _Group:
                 name = self._columns.regions[self._targets[index]].name
                 yield name, slope_budget(self._learner, self._moments, self._place(index))
 
-    def reference_checks(self, history: History) -> tuple[SlopeEstimate, ...]:
+    def reference_checks(self) -> Iterator[ReferenceCheck]:
         """The slope of each reference as the other regions show it; none with a single one."""
-        if self._learner is None or len(self._references) < 2:
-            return ()
-        history, regions = history.only(self._places), self._columns.regions
-        checks = []
+        if self._learner is None or not self._layout.stated:
+            return
         for reference, column in enumerate(self._layout.columns[: len(self._references)]):
-            blank = blank_estimate(regions[column], column, history, self._first, self._settings)
-            slope = unstated_slope(self._learner, reference)
+            slope, stated = unstated_slope(self._learner, reference), self._columns.regions[column]
             holds = statement_sds(self._learner, reference) <= readout.SURPRISING_SDS
-            state = SlopeState.OK if holds else SlopeState.NO_INTERSECTION
-            filled = self._filled(blank, slope, self._learner, reference - 1)
-            checks.append(replace(filled, state=state, n_bins=len(self._learner.minutes)))
-        return tuple(checks)
+            tilt_deg, bounds = float(tilt_azimuth(slope.best)[0]), slope.region
+            ends = min(bounds.tilt_low_deg, tilt_deg), max(bounds.tilt_high_deg, tilt_deg)
+            stated_deg = float(np.nan_to_num(stated.tilt_deg))
+            yield ReferenceCheck(stated.name, stated_deg, tilt_deg, *ends, holds)
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""

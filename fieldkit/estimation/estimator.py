@@ -24,7 +24,7 @@ from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, Quality, Sample
 from fieldkit.model.site import Region, RegionRecord, Site
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import ReferenceCheck, SlopeEstimate
 from fieldkit.physics.facet import tilt_azimuth
 
 PACKED_MINUTES = 60
@@ -122,6 +122,10 @@ class Estimator:
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target after the last minute; none from the weather alone."""
         return self._chain.budgets(self.history)
+
+    def reference_checks(self) -> tuple[ReferenceCheck, ...]:
+        """The slope of each reference by all others after the last minute; none with fewer than two."""
+        return self._chain.reference_checks()
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:
         """Take one sample, mark or change of regions; returns the minutes it closed, usually none."""

@@ -22,6 +22,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, RegionKind, Site, apart_m
+from fieldkit.model.slope import ReferenceCheck
 
 MOST_APART_M = 100.0
 """Between the sites of one place: twice what coordinates rounded to 0.001 degrees are off."""
@@ -44,12 +45,15 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Together:
-    """Slopes of all targets of the parts after the last minute, and their uncertainty budgets by name."""
+    """Slopes of all targets of the parts after the last minute, their uncertainty budgets by name, and the
+    references' checks.
+    """
 
     regions: tuple[Region, ...]
     history: History
     estimated: Estimated
     budgets: Mapping[str, tuple[BudgetTerm, ...]]
+    checks: tuple[ReferenceCheck, ...]
 
 
 def slopes_together(parts: Sequence[Part]) -> Together:
@@ -86,7 +90,8 @@ def slopes_together(parts: Sequence[Part]) -> Together:
         part.history.spread([places[region.name] for region in part.regions], len(regions)) for part in parts
     ]
     chain = SlopeChain(regions, last.settings)
-    return Together(regions, histories[-1], chain.together(histories), chain.budgets(histories[-1]))
+    last_history, estimated = histories[-1], chain.together(histories)
+    return Together(regions, last_history, estimated, chain.budgets(last_history), chain.reference_checks())
 
 
 def _require_later(before: Part, after: Part) -> None:

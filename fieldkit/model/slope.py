@@ -209,6 +209,21 @@ def final_estimate(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:
     return final
 
 
+@dataclass(frozen=True, slots=True)
+class ReferenceCheck:
+    """Slope of a reference as all other regions show it, with its likelihood region, beside the stated one.
+
+    `holds` unless the two contradict each other. Angles in degrees.
+    """
+
+    region: str
+    stated_tilt_deg: float
+    tilt_deg: float
+    tilt_low_deg: float
+    tilt_high_deg: float
+    holds: bool
+
+
 def final_estimates(
     estimates: Iterable[SlopeEstimate], regions: Sequence[Region]
 ) -> dict[str, SlopeEstimate]:

@@ -86,11 +86,18 @@ def _region_tables(beds: Mapping[str, tuple[float, float]] | None) -> list[Mappi
     ]
 
 
+KNOWN_BED = "b15"
+"""Bed of the demo whose slope is stated: it shows the gain, and the others check it."""
+
+
 def demo_campaign(folder: Path, *, speed: float | Literal["max"], fault: str | None = None) -> Config:
     """The demo's campaign, created if it does not exist, with speed and fault of this run."""
     if not (folder / FILE_NAME).exists():
         estimator = {"azimuth": "known", "window_s": PAPER_WINDOW_S}
-        create_campaign(folder, {**SIMULATED, "estimator": estimator})
+        kinds: dict[str, dict[str, str]] = {KNOWN_BED: {"kind": "reference"}}
+        regions = [{**region, **kinds.get(region["name"], {})} for region in SIMULATED["region"]]
+        stated = {"estimator": estimator, "surface": {"same": True}, "region": regions}
+        create_campaign(folder, {**SIMULATED, **stated})
     settings = [f"simulation.speed={speed}"]
     if fault is not None:
         settings.append(f'simulation.faults=["{fault}"]')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -191,6 +192,7 @@ def slopes_document(estimates: Estimates) -> dict[str, Any]:
         "minutes": estimates.minutes,
         "slopes": slopes,
         "learnt": learnt_document(estimates.learnt.final),
+        "reference_checks": [asdict(check) for check in estimates.checks],
     }
 
 

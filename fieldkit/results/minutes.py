@@ -33,7 +33,7 @@ from fieldkit.model.errors import FieldkitError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import ReferenceCheck, SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.results.cache import Arrays, Cache, as_text, digest, of_text
 from fieldkit.results.executors import results
@@ -189,7 +189,9 @@ def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Es
     times_ns = history.time_ns.tolist()
     learnt = {time: minute.learnt for time, minute in zip(times_ns, series, strict=True) if minute.learnt}
     slopes = [minute.slopes for minute in series]
-    return _as_estimates(history, chain.schedule, slopes, learnt, chain.budgets(history))
+    return _as_estimates(
+        history, chain.schedule, slopes, learnt, chain.budgets(history), chain.reference_checks()
+    )
 
 
 def final_estimates_of(together: Together) -> Estimates:
@@ -197,7 +199,7 @@ def final_estimates_of(together: Together) -> Estimates:
     last, estimated = together.history.since(len(together.history) - 1), together.estimated
     learnt = {int(last.time_ns[0]): estimated.learnt} if estimated.learnt else {}
     schedule, slopes = RegionSchedule.of(together.regions), [estimated.slopes]
-    return _as_estimates(last, schedule, slopes, learnt, together.budgets)
+    return _as_estimates(last, schedule, slopes, learnt, together.budgets, together.checks)
 
 
 def _as_estimates(
@@ -206,6 +208,7 @@ def _as_estimates(
     minutes: Sequence[tuple[SlopeEstimate, ...]],
     learnt: Mapping[int, Learnt],
     budgets: Budgets,
+    checks: tuple[ReferenceCheck, ...],
 ) -> Estimates:
     temperature_k = [
         history.temperature_k[row, schedule.column(slope.region, int(history.minute[row]))]
@@ -215,7 +218,7 @@ def _as_estimates(
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
     inputs: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
     estimates = [slope for minute in minutes for slope in minute]
-    return Estimates.of(estimates, inputs, schedule.latest, learnt, budgets)
+    return Estimates.of(estimates, inputs, schedule.latest, learnt, budgets, checks)
 
 
 def _known_slopes(run: Run) -> Estimates | None:
@@ -230,14 +233,15 @@ def _keep_slopes(run: Run, estimates: Estimates) -> Estimates:
 
 def packed_slopes(estimates: Estimates) -> Arrays:
     """Slopes as arrays for the cache, without the regions."""
-    about = estimates.texts, estimates.learnt.by_time_ns, estimates.budgets
+    about = estimates.texts, estimates.learnt.by_time_ns, estimates.budgets, estimates.checks
     return {"rows": estimates.rows, "about": as_text(about)}
 
 
 def unpacked_slopes(arrays: Arrays, regions: tuple[Region, ...]) -> Estimates:
     """Slopes of which `packed_slopes` made arrays."""
-    texts, learnt, budgets = of_text(tuple[tuple[str, ...], dict[int, Learnt], Budgets], arrays["about"])
-    return Estimates(arrays["rows"], texts, regions, LearntSeries(learnt), budgets)
+    kinds = tuple[tuple[str, ...], dict[int, Learnt], Budgets, tuple[ReferenceCheck, ...]]
+    texts, learnt, budgets, checks = of_text(kinds, arrays["about"])
+    return Estimates(arrays["rows"], texts, regions, LearntSeries(learnt), budgets, checks)
 
 
 def keep_recorded(path: Path, estimator: Estimator) -> None:
@@ -325,7 +329,8 @@ class SessionMinutes:
         _keep_minutes(self.run, Measured(bins, history, {}, words, is_recordings=True))
         learnt = {minute.time_ns: minute.learnt for minute in minutes if minute.learnt is not None}
         slopes = [minute.estimates for minute in minutes]
-        estimates = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
+        about = estimator.budgets(), estimator.reference_checks()
+        estimates = _as_estimates(history, estimator.schedule, slopes, learnt, *about)
         _keep_slopes(self.run, estimates)
 
     def minutes(self, model: Model | None = None) -> list[Minute]:

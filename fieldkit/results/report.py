@@ -192,6 +192,7 @@ def _report_session(
                 command_line=command_line(),
                 is_recordings=minutes.measured.is_recordings,
                 budgets=minutes.estimates().budgets,
+                checks=minutes.estimates().checks,
             )
             write_report(out, data)
     return out

@@ -16,7 +16,14 @@ from fieldkit.model.arrays import IntArray, TableArray
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
-from fieldkit.model.slope import SHORT_FIELDS, SLOPE_FIELDS, SlopeEstimate, SlopeState, final_estimates
+from fieldkit.model.slope import (
+    SHORT_FIELDS,
+    SLOPE_FIELDS,
+    ReferenceCheck,
+    SlopeEstimate,
+    SlopeState,
+    final_estimates,
+)
 from fieldkit.model.spelling import did_you_mean
 from fieldkit.views import formatting, html, learnt_words, plots
 
@@ -124,6 +131,7 @@ class Estimates:
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
     direct normal irradiance; angles in degrees, NaN where nothing is known. `learnt` is what the data taught
     the learned model, `budgets` the uncertainty budget of each final slope; none from the weather alone.
+    `checks` are the slopes of references as all others show them, with two or more of known slope.
     `site` is where they were measured; None where that does not matter.
     """
 
@@ -132,6 +140,7 @@ class Estimates:
     regions: tuple[Region, ...]
     learnt: LearntSeries = field(default_factory=lambda: LearntSeries({}))
     budgets: Budgets = field(default_factory=dict)
+    checks: tuple[ReferenceCheck, ...] = ()
     site: Site | None = None
 
     @classmethod
@@ -142,6 +151,7 @@ class Estimates:
         regions: Sequence[Region],
         learnt: Mapping[int, Learnt] | None = None,
         budgets: Budgets | None = None,
+        checks: tuple[ReferenceCheck, ...] = (),
     ) -> Estimates:
         """Estimates as rows, with the `MEASURED` columns of the same targets at the same minutes.
 
@@ -157,7 +167,7 @@ class Estimates:
             rows[name] = [getattr(estimate, name) for estimate in estimates]
         for name in MEASURED:
             rows[name] = measured[name]
-        return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}), budgets or {})
+        return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}), budgets or {}, checks)
 
     def __len__(self) -> int:
         return self.rows.size

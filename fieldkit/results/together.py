@@ -130,6 +130,7 @@ def estimate_together(
         estimates.regions,
         estimates.learnt,
         estimates.budgets,
+        estimates.checks,
         runs[0].site,
         runs=tuple(runs),
         chosen={"settings": texts, "campaign": present, "without_marks": list(map(str, without_marks))},

@@ -20,6 +20,7 @@ from fieldkit.model.slope import (
     SLOPE_FIELDS,
     STEEP_SHARE,
     WITH_SLOPE,
+    ReferenceCheck,
     SlopeEstimate,
     SlopeState,
     half_width_deg,
@@ -138,6 +139,13 @@ def confidence(estimates: Iterable[SlopeEstimate]) -> str:
     return " or ".join(
         percent(confidence) for confidence in sorted({estimate.confidence for estimate in estimates})
     )
+
+
+def reference_check(check: ReferenceCheck) -> str:
+    """A reference's slope by all others, such as 14.8° (13.9–15.7), and the stated one."""
+    ends = f"{check.tilt_low_deg:.1f}–{check.tilt_high_deg:.1f}"
+    words = f"reference {check.region}: {check.tilt_deg:.1f}° ({ends}) by the other regions"
+    return f"{words}, stated {check.stated_tilt_deg:.1f}°{'' if check.holds else ': they contradict'}"
 
 
 def wide_means(sure: str, target_deg: float) -> str:

@@ -34,6 +34,7 @@ SPAN_S = 1200.0
 def slopes(data: ReportData) -> Table:
     """Each target with its final slope and the slope that was given."""
     caption = f"±: half the width of the {percent(data.settings.confidence)} region."
+    caption = " ".join([caption, *(f"{formatting.reference_check(check)}." for check in data.checks)])
     columns = ("region", "tilt °", "azimuth °", "given", "state")
     return Table(columns, list(map(_slope_row, data.columns.targets)), caption)
 

@@ -25,7 +25,7 @@ from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimate
+from fieldkit.model.slope import SOLVED, WITH_SLOPE, ReferenceCheck, SlopeEstimate, SlopeState, final_estimate
 from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     direct_irradiance,
@@ -271,7 +271,8 @@ class ReportData:
     `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`). `site`, `regions`
     and `config_toml` are those of the estimator, as an imported session has none of its own. `by_others` are
     the same samples estimated with other surface models, by their names, `budgets` the uncertainty budget of
-    each slope by region, with the learned model; `frame` is the one to show, `command_line` what was typed.
+    each slope by region, with the learned model, `checks` the references as all others show them; `frame` is
+    the one to show, `command_line` what was typed.
     `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
     """
 
@@ -287,6 +288,7 @@ class ReportData:
     command_line: str = ""
     is_recordings: bool = False
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
+    checks: tuple[ReferenceCheck, ...] = ()
 
     @cached_property
     def columns(self) -> Series:
