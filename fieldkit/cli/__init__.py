@@ -31,7 +31,7 @@ PLACES = {
 COMMANDS: dict[str, dict[str, str]] = {
     "Start": {
         "demo": "Run the whole experiment on simulated devices, then report.",
-        "init": "Create a campaign: a commented fieldkit.toml and folders.",
+        "init": "Create a campaign: a short fieldkit.toml and folders.",
         "doctor": "Check that this computer is ready; every problem has a fix.",
         "devices": "List connected instruments and the identity to configure.",
     },

@@ -1,14 +1,13 @@
-"""The commented ``fieldkit.toml`` that ``fieldkit init`` writes: every key with its default and description.
+"""The short ``fieldkit.toml`` that ``fieldkit init`` writes: what is given, and what decides about slopes.
 
-Given values are written as they are; every other key is commented out with its default, or with an example
-if it has none. Removing the ``#`` of a line gives a valid file.
+Given values are written as they are; the other keys that decide are commented out with their defaults, or
+with an example. Removing the ``#`` of a line gives a valid file. The reference page has every key.
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,17 +20,21 @@ from fieldkit.config.toml_schema import Node, json_schema, node_at, resolve
 from fieldkit.model.errors import ConfigError
 
 HEADING = """\
-# fieldkit campaign configuration. Every key stands here with its default, commented:
-# remove the # to change it. Keys carry their unit: _deg degrees, _s seconds, _c degrees Celsius.
+# fieldkit campaign configuration. The keys that decide most; the reference page of the configuration has all.
+# Commented ones have their default, or an example: remove the # to change it. Keys carry their unit.
 # Tilt is from horizontal; azimuth is of the surface normal, from north, clockwise.
 """
-EXAMPLES: Mapping[tuple[str, str], str] = {
-    ("lux", "driver"): "lutron",
-    ("thermometer", "driver"): "center-309",
-    ("device", "driver"): "lutron",
+DECIDING: Mapping[str, tuple[str, ...]] = {
+    "surface": ("same", "albedo", "emissivity"),
+    "estimator": ("azimuth",),
+    "slab": ("depth_m",),
+    "prior": ("air_sd_k", "longwave_sd_w_m2"),
+    "irradiance": ("measures", "mounting"),
+    "region": ("name", "kind", "points_px", "tilt_deg", "azimuth_deg", "level_sd_deg"),
 }
-NAMED: Mapping[str, str] = {"device": "second-light-meter", "trigger": "bright"}
-"""Tables of which there may be several, each with a name, and the name of the example."""
+"""Keys that stand in every new file: one heap, a known bed, meters, air in the shade, sand and light."""
+NAMED = ("device", "trigger")
+"""Tables of which there may be several, each with a name."""
 COMMENT_COLUMN = 40
 
 PAPER_SITE: Mapping[str, Any] = {
@@ -49,48 +52,43 @@ SIMULATED: Mapping[str, Any] = tomllib.loads(
 
 
 def campaign_toml(given: Mapping[str, Any]) -> str:
-    """The text of a ``fieldkit.toml`` with the values `given` and every other key commented out."""
+    """The text of a ``fieldkit.toml`` with the values `given`, and the keys of `DECIDING` commented out."""
     parts = [HEADING + "schema = 1"]
     for name in json_schema()["properties"]:
-        if name != "schema":
+        if name in given or name in DECIDING:
             parts.extend("\n".join(lines) for lines in _tables(name, given.get(name)))
     return "\n\n".join(parts) + "\n"
 
 
 def _tables(name: str, given: Any) -> Iterator[list[str]]:
-    """The lines of each table called `name`: one, or one for each region."""
-    if name == "region":
-        first, *others = given or [None]
-        yield _table("[[region]]", (name, 0), first)
-        for region in others:
+    """The lines of each table called `name`: one, or one for each region, device or trigger."""
+    if name == "region" and given:
+        for region in given:
             yield ["[[region]]", *(assignment(key, value) for key, value in region.items())]
     elif name in NAMED:
-        yield _table(f"[{name}.{NAMED[name]}]", (name, NAMED[name]), None)
+        for own_name, table in given.items():
+            yield _table(f"[{name}.{own_name}]", (name, own_name), table)
     else:
-        needed = json_schema()["properties"][name].get("default") is not None
-        yield _table(f"[{name}]", (name,), {} if given is None and needed else given)
+        header, path = ("[[region]]", (name, 0)) if name == "region" else (f"[{name}]", (name,))
+        yield _table(header, path, given)
 
 
 def _table(header: str, path: tuple[str | int, ...], given: Mapping[str, Any] | None) -> list[str]:
     """A table's lines; if nothing is given the header is commented out too."""
     node = node_at(path) or {}
-    about = f"# {node['description']}"
-    lines = [about, header if given is not None else f"#{header}"]
+    lines = [f"# {node['description']}", header if given else f"#{header}"]
     for key, field in node["properties"].items():
         field = resolve(field)
-        if given is not None and key in given:
+        if given and key in given:
             lines.append(_line(key, given[key], field))
-        else:
-            lines.append("#" + _line(key, _example(str(path[0]), key, field), field))
+        elif key in DECIDING.get(str(path[0]), ()):
+            lines.append("#" + _line(key, _example(field), field))
     return lines
 
 
-def _example(table: str, key: str, field: Node) -> Any:
+def _example(field: Node) -> Any:
     default = field.get("default")
-    if default is not None:
-        return default
-    value = EXAMPLES.get((table, key), field["examples"][0])
-    return datetime.fromisoformat(value) if field.get("format") == "date-time" else value
+    return field["examples"][0] if default is None else default
 
 
 def _line(key: str, value: Any, field: Node) -> str:

@@ -250,8 +250,9 @@ def init_campaign(
     *,
     timezone: str | None = None,
     simulated: bool = False,
+    tables: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Campaign:
-    """Create a campaign folder: a commented ``fieldkit.toml`` and folders for its files.
+    """Create a campaign folder: a short ``fieldkit.toml`` and folders for its files.
 
     Parameters
     ----------
@@ -263,6 +264,8 @@ def init_campaign(
         IANA name, such as ``Asia/Tokyo``; by default whole hours by the longitude.
     simulated
         A campaign that records on simulated devices, with a site of its own.
+    tables
+        Further tables of ``fieldkit.toml``, such as ``{"surface": {"same": True}}`` for beds of one heap.
 
     Raises
     ------
@@ -288,8 +291,9 @@ def init_campaign(
     if timezone and site is None:
         raise ConfigError("needs a site", place=Argument("timezone"), fix=Argument("site"))
     if simulated:
-        return create_campaign(folder, SIMULATED)
-    return create_campaign(folder, {"site": PAPER_SITE if site is None else _site_table(site, timezone)})
+        return create_campaign(folder, {**SIMULATED, **(tables or {})})
+    place = PAPER_SITE if site is None else _site_table(site, timezone)
+    return create_campaign(folder, {"site": place, **(tables or {})})
 
 
 def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:

@@ -66,10 +66,20 @@ def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     assert "fieldkit devices" in init(str(tmp_path)).stderr
 
 
+QUESTIONS = b"36.1,-112.1,2100\n"  # the place
+ALL_DEFAULTS, OTHERS = b"\n\n\n\n", b"n\nn\nlux longwave air\nn\n"
+
+
 @pytest.mark.parametrize(
-    ("typed", "following"), [(b"n\n", "fieldkit devices --add"), (b"y\n", "fieldkit doctor")]
+    ("typed", "same", "prior", "references", "following"),
+    [
+        (QUESTIONS + ALL_DEFAULTS + b"n\n", True, (0.7, 30.0), 2, "fieldkit devices --add"),
+        (QUESTIONS + OTHERS + b"y\n", False, (2.0, 10.0), 1, "fieldkit doctor"),
+    ],
 )
-def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path, capsys, typed, following):
+def test_on_a_terminal_it_asks_what_decides(
+    monkeypatch, tmp_path, capsys, typed, same, prior, references, following
+):
     monkeypatch.setattr("fieldkit.drivers.registry.names", list)  # no driver looks for its own
     plugged_in(monkeypatch)
     near, far = pty.openpty()
@@ -78,9 +88,22 @@ def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path,
         os.write(near, typed)
         main(["init", str(tmp_path / "here")], standalone_mode=False)
     os.close(near)
-    said = capsys.readouterr().err
-    assert "connected now?" in said
-    assert f"&& {following}, " in said
+    shown = capsys.readouterr().err
+    assert f"&& {following}, " in shown
+    assert shown.count("--reference") == references
+    config = load_config(tmp_path / "here" / "fieldkit.toml", environment={})
+    assert config.site == Site(36.1, -112.1, 2100.0, "Etc/GMT+7")
+    assert config.tables.surface.same is same
+    assert (config.tables.prior.air_sd_k, config.tables.prior.longwave_sd_w_m2) == prior
+
+
+def test_yes_asks_nothing_even_on_a_terminal(monkeypatch, tmp_path):
+    near, far = pty.openpty()
+    with os.fdopen(far) as terminal, monkeypatch.context() as patch:
+        patch.setattr("sys.stdin", terminal)
+        main(["init", "--yes", str(tmp_path / "here")], standalone_mode=False)
+    os.close(near)
+    assert load_config(tmp_path / "here" / "fieldkit.toml", environment={}).tables.surface.same is False
 
 
 def test_simulated_has_three_beds_and_a_flat_reference_on_simulated_devices(init, tmp_path):
