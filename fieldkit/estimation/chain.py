@@ -23,7 +23,7 @@ from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import AT_ONCE, Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.reading_gaps import settled
-from fieldkit.estimation.learned.statements import statement_sds, unlike_sds, unstated_slope
+from fieldkit.estimation.learned.statements import statement_sds, unstated_slope
 from fieldkit.estimation.measures import measures, narrowing
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
@@ -46,7 +46,6 @@ TOGETHER = 4
 
 Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
 """
-OWN = ("absorbed light", "heat exchange", "thermal inertia")
 GRAZING = 0.02
 """Cosine of the angle of incidence below which light is no measurement.
 
@@ -477,6 +476,10 @@ class _Group:
             yield f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
         if unusual := self._unusual():
             yield unusual
+        # before the width: a statement that the minutes contradict is the cause, and advice would not help
+        if self._learner and (unlike := readout.unlikeness(self._learner)) > MOST_UNLIKE:
+            stated = ", against surface.same" if self._settings.same else ""
+            yield f"the beds change by themselves {unlike:.1f} times the usual{stated}: are they alike?"
         if is_too_wide(filled.tilt_deg, half, self._settings.target_half_width_deg):
             hints = [
                 f"; {measure} would narrow ±{half:.1f}° to ±{half * share:.1f}°"
@@ -486,8 +489,6 @@ class _Group:
         prior_sd_deg = math.degrees(self._layout.unlike_of(self._place(index)).normal_horizontal_sd)
         if half > MOST_OF_PRIOR * interval_sds(filled.confidence) * prior_sd_deg:
             yield "the minutes narrow it to no less than half of what its prior allows"
-        if self._learner and (unlike := readout.unlikeness(self._learner)) > MOST_UNLIKE:
-            yield f"the beds change by themselves {unlike:.1f} times as much as usual: are they alike?"
         if (misfit := self._misfit(index)) > WELL_FITTING:
             yield f"the minutes fit badly (misfit {misfit:.1f}, at most {WELL_FITTING:g} for a certain slope)"
         if slope.away > filled.confidence:
@@ -521,30 +522,15 @@ class _Group:
         return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if learner and unusual else ""
 
     def _wrong_statement(self, learner: Learner) -> str:
-        """What is stated of references or beds and contradicted by the minutes; "" if nothing is."""
-        if self._settings.same and (unlike := self._unlike_bed(learner)):
-            return unlike
-        sds = [statement_sds(learner, reference) for reference in range(len(self._references))]
-        worst = int(np.argmax(sds))
-        if sds[worst] <= readout.SURPRISING_SDS:
+        """The references' slopes if what they are stated to be is contradicted by the minutes, else ""."""
+        sds = max(statement_sds(learner, reference) for reference in range(len(self._references)))
+        if sds <= readout.SURPRISING_SDS:
             return ""
-        region = self._columns.regions[self._layout.columns[worst]]
-        return (
-            f"the stated {np.nan_to_num(region.tilt_deg):g}° of {region.name} contradict the other regions "
-            f"({sds[worst]:.1f} deviations): is it level and unlike in nothing?"
-        )
-
-    def _unlike_bed(self, learner: Learner) -> str:
-        """The bed that is unlike the others though all are stated to be of one heap; "" if there is none."""
-        sds = unlike_sds(learner)
-        what, bed = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
-        if abs(sds[what, bed]) <= readout.SURPRISING_SDS:
-            return ""
-        name = self._columns.regions[self._layout.columns[self._layout.region(int(bed))]].name
-        return (
-            f"{name} is unlike the others in {OWN[what]} ({abs(sds[what, bed]):.1f} deviations), "
-            "against surface.same: is it of the same sand, as deep and as dry?"
-        )
+        references = [
+            self._columns.regions[column] for column in self._layout.columns[: len(self._references)]
+        ]
+        stated = " and ".join(f"{region.name} {np.nan_to_num(region.tilt_deg):g}°" for region in references)
+        return f"the minutes contradict the stated {stated} ({sds:.1f} deviations): is each as steep as that?"
 
     def _surprise(self, learner: Learner) -> readout.Surprise | None:
         return readout.surprise(

@@ -41,8 +41,7 @@ class Filters(KalmanBank):
     """The bank that follows a surface minute by minute; `log_likelihood` (p,) of all that was measured.
 
     Products of two unknowns are linear only near some state (n,): that of the `Start`, else the prior's. Its
-    noise is what each region does alone, `variance_before` (p, n) that of the state before the first minute.
-    `ends` are the means (p, n) with which sessions before ended.
+    noise is what each region does alone. `ends` are the means (p, n) with which sessions before ended.
     """
 
     def __init__(
@@ -91,7 +90,6 @@ class Filters(KalmanBank):
         covariance = prior_covariance(layout, settings, hypotheses, logged, self.noise)
         self.mean: FloatArray = np.tile(mean, (len(covariance), 1))
         self.covariance: FloatArray = covariance
-        self.variance_before: FloatArray = np.diagonal(covariance, axis1=1, axis2=2).copy()
         self.model: SurfaceModel = SurfaceModel(
             layout, hypotheses, settings, logged, mean if around is None else around, self.noise
         )

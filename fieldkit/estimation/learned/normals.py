@@ -36,17 +36,15 @@ class UnitNormals:
     """Unit normals for each of p hypotheses, with the gain (p,).
 
     `units` are each target's unit vectors in the axes of the layout (p, k), `tangents` the directions in
-    which they may turn (p, k, k - 1), `own` (p, targets) what each absorbs more, as a share. `covariance`
-    (p, q, q), rad2, is of gain, turns in the order of the targets, and the targets' own gains; `log_evidence`
-    (p,) the logarithm of the probability of unit normals given what the filter knows. In units of information
-    `pull` (p, m) is gain and normals less the filter's means, `jacobian` (p, m, q) that of gain and normals
-    by gain, turns and own gains.
+    which they may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
+    targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
+    given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
+    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains.
     """
 
     gain: FloatArray
     units: tuple[FloatArray, ...]
     tangents: tuple[FloatArray, ...]
-    own: FloatArray
     covariance: FloatArray
     log_evidence: FloatArray
     pull: FloatArray
@@ -112,7 +110,11 @@ class _Fit:
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
     filtered, free = _gain_and_normals(filters)
-    mean, information = _with_own_gains(filtered, free, len(starts), own_gain_sds(filters))
+    # beds that are unlike in what passes are unlike in what stays
+    own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
+    kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(len(starts))]
+    own_sd = np.hypot(own_sd[:, np.newaxis], kinds_sd)
+    mean, information = _with_own_gains(filtered, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
     fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, filtered.shape[1] :])
     damping = np.full(len(mean), 1e-6)
@@ -134,20 +136,11 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
         fit.gain,
         tuple(fit.units),
         tuple(fit.tangents),
-        fit.own,
         np.linalg.inv(curvature),
         0.5 * (volume - fit.misfit) + area,
         -np.matmul(free, fit.residual[:, : filtered.shape[1], np.newaxis])[..., 0],
         weighted[:, : filtered.shape[1]],
     )
-
-
-def own_gain_sds(filters: Filters) -> FloatArray:
-    """Prior standard deviation (p, targets) of what each target absorbs more, as a share."""
-    # beds that are unlike in what passes are unlike in what stays
-    own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
-    kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(filters.layout.targets)]
-    return np.asarray(np.hypot(own_sd[:, np.newaxis], kinds_sd))
 
 
 def _with_own_gains(

@@ -13,7 +13,7 @@ import numpy as np
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import STEPS_AFTER_DRAW, Learner
-from fieldkit.estimation.learned.normals import own_gain_sds, unit_normals
+from fieldkit.estimation.learned.normals import unit_normals
 from fieldkit.estimation.learned.readout import KnownSlope, known_states, slope_of, turns_of
 from fieldkit.estimation.normal import tangent_pair
 from fieldkit.model.arrays import FloatArray
@@ -61,24 +61,6 @@ def statement_sds(learner: Learner, reference: int) -> float:
     sizes, axes = np.linalg.eigh(level * np.eye(len(mean)) - covariance)
     # what hardly any minute has moved says nothing, and rounding would
     return float(np.sqrt(np.sum((mean @ axes) ** 2 / np.maximum(sizes, LEAST_TAUGHT * level))))
-
-
-def unlike_sds(learner: Learner) -> FloatArray:
-    """How far each target is off the first reference in light, exchange and inertia (3, targets).
-
-    In standard deviations, as `statement_sds`, of what the minutes have moved from zero.
-    """
-    layout, posterior = learner.layout, learner.posterior
-    filters, normals, targets = posterior.filters, posterior.normals, range(layout.targets)
-    places = [place(target) for place in (layout.own_exchange, layout.own_response) for target in targets]
-    states, covariances, _ = known_states(filters, normals, places)
-    means = np.column_stack([normals.own, states])
-    after = np.column_stack(
-        [np.diagonal(part, axis1=1, axis2=2) for part in (normals.covariance, covariances)]
-    )[:, -means.shape[1] :]
-    before = np.column_stack([own_gain_sds(filters) ** 2, filters.variance_before[:, places]])
-    moved = np.sqrt(np.maximum(before - after, LEAST_TAUGHT * before))
-    return np.reshape(posterior.weights @ (means / moved), (3, -1))
 
 
 def _without_statement(learner: Learner, reference: int) -> tuple[Filters, FloatArray]:

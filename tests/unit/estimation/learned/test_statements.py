@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.drawn_worlds import CLEAR, drawn_world
+from benchmarks.harsh_worlds import HARMLESS, harsh_world
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.surface_kinds import SAME
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeState
 
-MINUTES = 25
+MINUTES = 40
 
 
 def stated(world, **tilts_deg):
@@ -71,9 +72,11 @@ def test_one_heap_is_sharper_and_a_bed_of_another_sand_shows(world):
         assert "surface.same" not in slope.reason
         assert slope.tilt_high_deg - slope.tilt_low_deg < usual[name].tilt_high_deg - usual[name].tilt_low_deg
         assert slope.tilt_low_deg < {"bed0": 5.0, "bed1": 15.0, "bed2": 25.0}[name] < slope.tilt_high_deg
-    # as it warms half as much by the same light: wet, or stone
-    kelvin = world.history.temperature_k.copy()
-    kelvin[:, 2] = kelvin[0, 2] + 0.5 * (kelvin[:, 2] - kelvin[0, 2])
-    wet = replace(world, history=replace(world.history, temperature_k=kelvin))
-    _, slopes = chain_of(wet, world.regions, **one_heap)
-    assert all(slope.state is SlopeState.WIDE and "surface.same" in slope.reason for slope in slopes.values())
+
+
+def test_beds_that_are_not_of_one_heap_show():
+    """Exchange that changes by 10 % in each bed alone, stated as one heap."""
+    world = harsh_world(1, CLEAR, harm=replace(HARMLESS, exchange_slow=0.1), minutes=MINUTES)
+    _, slopes = chain_of(world, world.regions, same=True, prior=replace(world.settings.prior, **SAME))
+    assert {slope.state for slope in slopes.values()} == {SlopeState.WIDE}
+    assert any("surface.same" in slope.reason for slope in slopes.values())
