@@ -122,9 +122,12 @@ def test_a_campaign_is_planned_with_its_azimuths_references_and_instruments(tmp_
     site += 'timezone = "Asia/Tokyo"\n[estimator]\nazimuth = "known"\nnoise_k = 0.03\n'
     meters = '[thermometer]\ndriver = "center-309"\noptions = {labels = ["T1", "T2", "T3", "air"]}\n'
     meters += '[irradiance]\nmeasures = {sky = "longwave_down"}\n'
+    beds += '[[region]]\nname = "bare"\npoints_px = [[0, 0], [9, 0], [9, 9]]\n'
     (tmp_path / "fieldkit.toml").write_text(f"{site}{meters}{beds}")
     words = ["plan", "-C", str(tmp_path), "--on", "2017-08-30", "--at", "10:30", "--for", "2h", "--json"]
-    found = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)
+    done = CliRunner().invoke(main, words, catch_exceptions=False)
+    assert "bare" in done.stderr
+    found = json.loads(done.stdout)
     words[3:3] = ["--site", "10,20"]
     CliRunner().invoke(main, words, catch_exceptions=False)
     session, elsewhere = sessions
