@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -94,10 +95,11 @@ def command(
     if detach:
         _detach(config, options)
         return
-    session = _record(config, options, theme, page_address, is_detached=as_json is not None)
+    record = partial(_record, config, options, theme, page_address, as_json is not None)
+    session = record()
     while session and options.on_trigger and not (session.was_stopped or session.summary.failure):
         print_summary(session)
-        session = _record(config, options, theme, page_address, is_detached=as_json is not None, again=True)
+        session = record(again=True)
     if session is None:
         common.say("called off: nothing more was recorded")
         return
@@ -107,15 +109,12 @@ def command(
 
 
 def _record(
-    config: Config,
-    options: RecordOptions,
-    theme: ThemeName,
-    page_address: str | None,
-    *,
-    is_detached: bool,
-    again: bool = False,
+    config: Config, options: RecordOptions, theme: ThemeName, page: str | None, log: bool, again: bool = False
 ) -> RecordedSession | None:
-    """Record a session, `again` only after the trigger's condition was over; None if that was called off."""
+    """Record a session, `again` only after the trigger's condition was over; None if that was called off.
+
+    With `log` its messages go to a file beside it.
+    """
     from fieldkit.recording.background import keep_messages
     from fieldkit.recording.record import prepare
 
@@ -127,11 +126,11 @@ def _record(
             if begun is None:
                 return None
             prepared = begun
-        if is_detached:
+        if log:
             keep_messages(prepared.path)
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
-        views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
-        with page_beside(config, page_address, options.settings):
+        views = [] if page else live_views(prepared, theme)  # whose screen would hide the links
+        with page_beside(config, page, options.settings):
             return run_until_stopped(prepared, views)
 
 

@@ -10,7 +10,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime, time
 from functools import partial
@@ -409,7 +409,7 @@ def prepare(
             _check_start(triggers, instruments.streams, notify)
         yield PreparedRecording(
             config, instruments, path, options.name, duration_s, begins_ns, included, split,
-            triggers, options.on_trigger, opened.enter_context(_fail_safe(config)),
+            triggers, options.on_trigger, _fail_safe(config, opened),
         )  # fmt: skip
 
 
@@ -424,21 +424,16 @@ def _check_start(triggers: Triggers, streams: Sequence[StreamInfo], notify: Noti
         notify(f"{held}: a trigger cannot include the {rounded_duration(longest_s)} before it")
 
 
-@contextmanager
-def _fail_safe(config: Config) -> Iterator[FailSafe | None]:
-    """The fail-safe output, as long as a recording is prepared; raises `DeviceAccessError`."""
+def _fail_safe(config: Config, opened: ExitStack) -> FailSafe | None:
+    """The fail-safe output, until `opened` ends; raises `DeviceAccessError`."""
     table = config.tables.fail_safe
+    if not (table.line or table.command):
+        return None
     try:
-        output = FailSafe(table.line, table.command) if table.line or table.command else None
+        return opened.enter_context(closing(FailSafe(table.line, table.command)))
     except OSError as error:
-        raise DeviceAccessError(
-            f"cannot be held: {error}", place="fail_safe.line", fix=Action.DOCTOR()
-        ) from error
-    try:
-        yield output
-    finally:
-        if output is not None:
-            output.close()
+        problem = f"cannot be held: {error}"
+        raise DeviceAccessError(problem, place="fail_safe.line", fix=Action.DOCTOR()) from error
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:

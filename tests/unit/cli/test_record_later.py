@@ -1,6 +1,8 @@
 """``fieldkit record`` that begins at a time of day, or in the background."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -18,6 +20,7 @@ from fieldkit.sessions.lock import journal_path, owner
 from fieldkit.sessions.reader import open_session
 from tests.harness.page import served
 from tests.harness.waiting import wait_until
+from tests.unit.recorder.test_fail_safe import Line
 
 
 @pytest.fixture
@@ -64,6 +67,16 @@ def test_a_detached_recording_goes_on_until_it_is_stopped(campaign):
     messages = session.with_suffix(".log").read_text()
     assert session.stem in messages.splitlines()[0]
     assert f"sealed {session}" in messages or "sealed" not in messages  # --json prints no summary
+
+
+@pytest.mark.slow
+def test_kill_9_of_a_recording_drops_its_fail_safe_line(campaign):
+    line = Line()
+    done = detached(campaign, "--json", "--set", f"fail_safe.line={line.path}")
+    process = json.loads(done.stdout)["process"]
+    assert line.is_up
+    os.kill(process, signal.SIGKILL)
+    assert line.hangs_up_within_s() < 5.0
 
 
 @pytest.mark.parametrize(("connect_s", "begins"), [(30.0, True), (0.01, False)])
