@@ -7,7 +7,7 @@ from demo_day import DemoDay
 from tests.harness import field_page_journey as journey
 from tests.harness.field_page import Watched, chromium, opened, served
 
-SHOWN = ("drawing", "slopes", "alarm")
+SHOWN = ("drawing", "slopes", "alarm", "plot")
 IMAGES = tuple(f"field-page-{stage}.png" for stage in SHOWN)
 
 
@@ -15,9 +15,10 @@ def main(day: DemoDay) -> None:
     """Draw two regions, record, be warned, stop."""
 
     def take(name: str, watched: Watched) -> None:
-        if name == "slopes":
-            # what was answered covers the card, and goes by itself at some time
+        if name in ("slopes", "plot"):
+            # what was answered covers what is shown, and leaves by itself at some time
             watched.page.evaluate("document.getElementById('answers').replaceChildren()")
+        if name == "slopes":
             watched.page.locator("#card-b15").scroll_into_view_if_needed()
         if name in SHOWN:
             watched.page.screenshot(path=day.images / f"field-page-{name}.png")
@@ -32,4 +33,7 @@ def main(day: DemoDay) -> None:
             with journey.quick(campaign):
                 journey.record(watched, take)
             journey.be_warned(watched, take)
+            watched.page.locator("#plot").scroll_into_view_if_needed()
+            watched.page.locator("#plot").tap()
+            take("plot", watched)
             journey.stop(watched, take)
