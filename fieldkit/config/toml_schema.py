@@ -381,9 +381,10 @@ class RegionOutline(Table):
     """
 
     name: Name = _needed("b15", "letters, digits, - and _")
-    kind: Literal["reference", "target"] = _key(
+    kind: Literal["reference", "target", "blackbody"] = _key(
         "target",
-        "reference: a region of known slope, flat ground and, better, also a bed that was measured",
+        "reference: of known slope, flat and, better, also a bed that was measured; blackbody: of known "
+        "temperature by its probes, such as a can of water",
     )
     points_px: list[Point] = _needed(
         [[29, 29], [66, 28], [66, 53], [24, 56]],

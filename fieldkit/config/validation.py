@@ -380,6 +380,9 @@ def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if region.get("kind") == "reference" and "surface_kind" in region:
             message = "a reference's kind of surface is surface.kind; omit it here"
             yield Mistake((*path, "surface_kind"), message)
+        if region.get("kind") == "blackbody" and not {"probes", "emissivity"} <= region.keys():
+            message = "a black body needs probes that show its temperature, and its emissivity (water: 0.96)"
+            yield Mistake((*path, "kind"), message)
 
 
 def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -25,13 +25,14 @@ CAMERA_OFFSET_SD_K = 0.5
 
 
 def remove_offsets(history: History, regions: Sequence[Region], settings: EstimatorSettings) -> History:
-    """The history with the calibrated offsets of its targets removed; `regions` are its columns.
+    """The history without the calibrated offsets of its targets, nor the camera's errors by black bodies.
 
+    `regions` are its columns.
     An offset is of brightness temperature, measured minus true. One kelvin of brightness temperature is more
     than one kelvin of surface temperature, so it is removed with the emissivity and reflection of the
     estimate.
     """
-    kelvin = history.temperature_k.copy()
+    kelvin = history.temperature_k - camera_error_k(history, regions)[:, np.newaxis]
     for column, region in enumerate(regions):
         offset_k = settings.offsets_k.get(region.name, 0.0) if region.kind is RegionKind.TARGET else 0.0
         if offset_k:
@@ -40,6 +41,22 @@ def remove_offsets(history: History, regions: Sequence[Region], settings: Estima
             brightness = brightness_temperature_k(kelvin[:, column], *surface)
             kelvin[:, column] = surface_temperature_k(brightness - offset_k, *surface)
     return replace(history, temperature_k=kelvin)
+
+
+def camera_error_k(history: History, regions: Sequence[Region]) -> FloatArray:
+    """Error of the camera in each minute (n,) as black bodies show it; zero without any.
+
+    It holds until their probes are read again; before the first reading it is NaN, as are all temperatures.
+    """
+    bodies = [column for column, region in enumerate(regions) if region.kind is RegionKind.BLACKBODY]
+    if not bodies:
+        return np.zeros(len(history))
+    over_k = history.temperature_k[:, bodies] - history.probe_k[:, bodies]
+    count = np.isfinite(over_k).sum(axis=1)
+    error_k = np.append(np.nan, np.nansum(over_k, axis=1) / np.maximum(count, 1))
+    # the last minute with a reading; 0, where there is none yet, is the NaN before all
+    last = np.maximum.accumulate(np.where(count > 0, np.arange(1, len(history) + 1), 0))
+    return np.asarray(error_k[last])
 
 
 def uncertain_inputs(

@@ -109,6 +109,7 @@ class RegionKind(NumberedEnum):
 
     REFERENCE = 0
     TARGET = 1
+    BLACKBODY = 2  # of known temperature, by its probes: it shows the camera's errors, and has no slope
 
 
 @checked

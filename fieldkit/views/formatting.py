@@ -192,7 +192,7 @@ def given_slope(region: Region) -> str:
 
 
 def kind(region: Region) -> str:
-    """``reference`` or ``target``."""
+    """``reference``, ``target`` or ``blackbody``."""
     return region.kind.name.lower()
 
 
