@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 IMAGES = ("home.svg",)
-FRAME = 360
-"""The frame shown, of 540: after two hours."""
+FRAME = 539
+"""The frame shown: the last of three hours."""
 
 
 def main(day: DemoDay) -> None:

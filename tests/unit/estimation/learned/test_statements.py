@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.drawn_worlds import CLEAR, drawn_world
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
 from benchmarks.harsh_worlds import HARMLESS, harsh_world
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.surface_kinds import SAME
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeState
+from tests.harness.drawn import drawn_world as harness_world
 
 MINUTES = 40
 
@@ -64,7 +65,8 @@ def test_a_wrong_statement_shows_and_leaves_no_slope_certain(world):
     assert all(check.holds for check in loose.reference_checks())
 
 
-def test_one_heap_is_sharper(world):
+def test_one_heap_is_sharper():
+    world = harness_world(3, BROKEN_CLOUD, minutes=MINUTES)
     _, usual = chain_of(world, world.regions)
     one_heap = {"same": True, "prior": replace(world.settings.prior, **SAME)}
     _, slopes = chain_of(world, world.regions, **one_heap)
