@@ -13,6 +13,7 @@ from fieldkit.cli.page import LOOPBACK, page_beside
 from fieldkit.cli.recording import live_views, run_until_stopped, stop_on_signals, terminal_views
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
+from fieldkit.model.durations import rounded_duration
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.results.json_document import learnt_document
 
@@ -136,9 +137,12 @@ def _record(
 
 def _wait(prepared: PreparedRecording, at: time | None, theme: ThemeName) -> PreparedRecording | None:
     """Show the instruments until the recording is to begin; None if that was called off."""
+    from fieldkit.recording.last_samples import reach_s
     from fieldkit.recording.preview import await_begin
 
-    moment = f"at {at:%H:%M}" if at else "with " + ", ".join(prepared.triggers.starts)
+    held = rounded_duration(reach_s(prepared.instruments.streams))
+    causes = " or ".join(trigger.text for trigger in prepared.triggers.starts)
+    moment = f"at {at:%H:%M}" if at else f"with {causes}; memory holds the last {held}"
     wait_s, title = prepared.begins_in_s() if at else None, f"waiting, not recorded; begins {moment}"
     common.say(f"the instruments are ready; recording begins {moment}     Ctrl-C calls it off")
     views = terminal_views(prepared.config, prepared.instruments, title, wait_s, theme)

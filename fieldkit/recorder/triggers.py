@@ -58,9 +58,9 @@ class Triggers:
         self._events: deque[Event] = deque()
 
     @property
-    def starts(self) -> list[str]:
-        """What starts a recording, in words, such as ``lux above 20000 lx``."""
-        return [trigger.text for trigger in self.triggers if trigger.act == "start"]
+    def starts(self) -> list[Trigger]:
+        """Those that start a recording."""
+        return [trigger for trigger in self.triggers if trigger.act == "start"]
 
     def rearm(self) -> None:
         """Let a start act only after its condition was over, as the others do."""

@@ -418,7 +418,7 @@ def _check_start(triggers: Triggers, streams: Sequence[StreamInfo], notify: Noti
     if not triggers.starts:
         fix = 'write [trigger.bright] with do = "start", channel = "lux", above = 20000.0'
         raise ConfigError("no trigger starts a recording", place="trigger", fix=fix)
-    reach, longest_s = reach_s(streams), max(trigger.before_s for trigger in triggers.triggers)
+    reach, longest_s = reach_s(streams), max(trigger.before_s for trigger in triggers.starts)
     if reach < longest_s:
         held = f"memory holds {rounded_duration(reach)} of these instruments"
         notify(f"{held}: a trigger cannot include the {rounded_duration(longest_s)} before it")

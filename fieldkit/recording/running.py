@@ -47,7 +47,8 @@ def running_session(recordings: Path) -> Path:
     path = session_in_progress(recordings)
     if path is None and (pid := waiting_recorder(recordings)) is not None:
         raise RefusedError(
-            f"process {pid} records nothing yet: it waits for its time", fix=Action.STOP() + " calls it off"
+            f"process {pid} records nothing yet: it waits for its time or trigger",
+            fix=Action.STOP() + " calls it off",
         )
     if path is None:
         raise RefusedError("no recording is running in this campaign", fix=Action.RECORD())
