@@ -254,6 +254,7 @@ def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, pa
 def test_theme_and_language_are_chosen_and_kept_on_the_device(browser, page):
     watched = opened(browser, page.link(), locale="en", color_scheme="light")
     watched.wait_for_picture()
+    watched.page.locator("#conditions-list", has_text=phrases()["clock.simulated"]).wait_for()  # and no lag
     watched.page.locator("#theme").select_option("dark")
     watched.page.locator("#language").select_option("ja")
     watched.page.locator("html[lang=ja][data-theme=dark]").wait_for()

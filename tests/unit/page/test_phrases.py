@@ -7,8 +7,11 @@ from importlib.resources.abc import Traversable
 import pytest
 
 from fieldkit.model.alarm import Condition
+from fieldkit.model.errors import ConfigError, RefusedError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import EventKind
 from fieldkit.model.slope import SlopeState
+from fieldkit.page.outgoing import without_commands
 from fieldkit.page.phrases import LANGUAGES, PageError, phrases, preferred_language
 from fieldkit.page.requests import TYPED
 
@@ -74,3 +77,26 @@ def test_an_error_of_the_page_has_its_values():
     error = PageError("silent", seconds="5")
     assert "5 s" in error.message
     assert (error.key, error.values) == ("refused.silent", {"seconds": "5"})
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_text_has_a_command_or_a_key(language):
+    texts = [text for key, text in phrases(language).items() if not key.startswith("device.")]
+    assert not re.findall(r"--\w|\bfieldkit\b|\.toml|\w+\.\w+\(", "\n".join(texts))
+
+
+@pytest.mark.parametrize(
+    ("error", "shown"),
+    [
+        (RefusedError("--name: 'a/b' has a slash", fix="--name a-b"), ("'a/b' has a slash", None)),
+        (
+            ConfigError("region[4].name: taken", place="b15", fix="choose another"),
+            ("b15: taken", "choose another"),
+        ),
+        (RefusedError("nothing is recorded", fix=Action.RECORD()), ("nothing is recorded", None)),
+        (ConfigError("wrong", fix="edit fieldkit.toml"), ("wrong", None)),
+        (ConfigError("'soon' is no duration", fix="use 3h"), ("'soon' is no duration", "use 3h")),
+    ],
+)
+def test_errors_of_other_rooms_come_without_commands_and_keys(error, shown):
+    assert without_commands(error) == shown
