@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import compress
 from operator import itemgetter
 from pathlib import Path
@@ -41,7 +41,7 @@ from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.lock import is_locked, journal_path, locked_within
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stream_reader import Readings, StreamReader
-from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
+from fieldkit.sessions.superblock import CHECK_PATH, BinaryFile, MendedFile, is_clean
 from fieldkit.sessions.time_map import StoredTimes, TimeStep, corrections, mapped_event
 
 
@@ -549,11 +549,19 @@ BEGUN_WITHIN_S = 10.0
 """From the lock of a new session until its file can be read: a second, more on a busy computer."""
 
 
-def open_as(kind: type[S], path: str | Path) -> S:
+FILE_OBJECT = Path("file object")
+"""In place of the folder of a session that was opened from a file object."""
+
+
+def open_as(kind: type[S], path: str | Path | BinaryFile) -> S:
     """Open a session as an object of a class that extends `SessionReader`; raises as `open_session`.
 
     A recording begins with its journal: its file is waited for.
     """
+    if not isinstance(path, str | Path):
+        mended, name = partial(MendedFile, file=path), getattr(path, "path", getattr(path, "name", "session"))
+        place = FILE_OBJECT / Path(str(name)).name
+        return _open_file(kind, place, lambda: h5py.File(mended(place), "r"))
     path = Path(path)
     while True:
         try:

@@ -10,10 +10,10 @@ Format Specification", version 3.0, II.A; checksum: Bob Jenkins, lookup3.c, publ
 from __future__ import annotations
 
 import io
-import os
 import re
 import struct
 from pathlib import Path
+from typing import Protocol
 
 from fieldkit.model.errors import SessionError
 from fieldkit.model.next_step import Action
@@ -23,21 +23,52 @@ SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _WRITTEN, _SHARED = 1, 4
 _MASK = 0xFFFFFFFF
 CHECK_PATH = "check the path; " + Action.LIST_SESSIONS() + " shows the sessions of a campaign"
+_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/")  # of Windows, a drive has one letter
 _NAME = re.compile(rb"<mended session of (\d+) bytes>")  # from a dataset only the file's name can be had
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
 
 
+class BinaryFile(Protocol):
+    """A file object open for reading in binary, such as those of fsspec."""
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Read at most so many bytes."""
+        ...
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        """Move; returns the new position."""
+        ...
+
+
 def is_clean(path: Path) -> bool:
     """True if the file was closed by its writer; raises `SessionError` if it is not such an HDF5 file."""
-    return _superblock(path)[_FLAGS] == 0
+    with _open(path) as file:
+        return _superblock(path, file)[_FLAGS] == 0
 
 
-def _superblock(path: Path) -> bytes:
+def refuse_address(path: Path) -> None:
+    """Raise `SessionError` for an address in place of a path."""
+    if _ADDRESS.match(str(path)) and not path.exists():
+        fix = (
+            "copy it to this computer, or give a file object: fieldkit.open_session(fsspec.open(...).open())"
+        )
+        raise SessionError("an address, not a path", place=str(path), fix=fix)
+
+
+def _open(path: Path) -> io.FileIO:
+    refuse_address(path)
     if path.exists() and not path.is_file():  # a pipe would wait for its other end
         raise SessionError("a directory, pipe or device, not a file", place=path, fix=CHECK_PATH)
     try:
-        with path.open("rb") as file:
-            head = file.read(SIZE)
+        return path.open("rb", buffering=0)
+    except OSError as error:
+        raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
+
+
+def _superblock(path: Path, file: BinaryFile) -> bytes:
+    try:
+        file.seek(0)
+        head = file.read(SIZE)
     except OSError as error:
         raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
     if len(head) < SIZE or not head.startswith(SIGNATURE):
@@ -119,19 +150,21 @@ def _final(a: int, b: int, c: int) -> int:
 class MendedFile(io.RawIOBase):
     """A session file as HDF5 may open it, whatever became of its writer; for reading only.
 
-    Raises `SessionError` where the superblock itself is gone.
+    A `file` object that is given stays open. Raises `SessionError` where the superblock itself is gone.
     """
 
-    def __init__(self, path: Path) -> None:
-        head = _superblock(path)
-        self._file = path.open("rb", buffering=0)
-        self._length = max(self._file.seek(0, io.SEEK_END), _recorded_end(head))
+    def __init__(self, path: Path, file: BinaryFile | None = None) -> None:
+        self._file: BinaryFile = _open(path) if file is None else file
+        self._is_own = file is None
+        head = _superblock(path, self._file)
+        self._bytes = self._file.seek(0, io.SEEK_END)
+        self._length = max(self._bytes, _recorded_end(head))
         self._head = mend(head, self._length)
         self._position = 0
 
     def __repr__(self) -> str:
         """The name that HDF5 knows the file by."""
-        return f"<mended session of {os.fstat(self._file.fileno()).st_size} bytes>"
+        return f"<mended session of {self._bytes} bytes>"
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move; returns the new position."""
@@ -144,8 +177,9 @@ class MendedFile(io.RawIOBase):
         view = memoryview(buffer).cast("B")
         self._file.seek(self._position)
         count = 0
-        while count < len(view) and (got := self._file.readinto(view[count:])):
-            count += got
+        while count < len(view) and (part := self._file.read(len(view) - count)):
+            view[count : count + len(part)] = part
+            count += len(part)
         view[count:] = bytes(len(view) - count)
         head = self._head[self._position : self._position + len(view)]
         view[: len(head)] = head
@@ -153,7 +187,7 @@ class MendedFile(io.RawIOBase):
         return len(view)
 
     def close(self) -> None:
-        """Let go of the file."""
-        if "_file" in self.__dict__:  # which it is not where the superblock was refused
-            self._file.close()
+        """Let go of the file, if it was opened here."""
+        if self.__dict__.get("_is_own"):  # which is not there where opening it failed
+            self._file.close()  # type: ignore[attr-defined]  # of others only reading is asked
         super().close()

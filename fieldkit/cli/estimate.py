@@ -17,6 +17,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 
 if TYPE_CHECKING:
     from fieldkit.results.batch import EstimatedSessions
+    from fieldkit.results.comparison import Comparison, Move
 
 
 # --campaign and --without-mark, chosen for sessions, go on under the names of their arguments in Python
@@ -44,6 +45,12 @@ if TYPE_CHECKING:
     metavar="MARK",
     help="Give a mark no effect, by its number (fieldkit mark --list) or text.",
 )
+@click.option(
+    "--against",
+    multiple=True,
+    metavar="KEY=VALUE|BASE",
+    help="Compare with the slopes by other settings, or with those that -o BASE wrote.",
+)
 @common.set_option
 def command(
     sessions: tuple[Path, ...],
@@ -54,6 +61,7 @@ def command(
     site: Site | None,
     reference: tuple[float, float],
     settings: tuple[str, ...],
+    against: tuple[str, ...],
     **chosen: Any,
 ) -> None:
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
@@ -67,6 +75,9 @@ def command(
     (global horizontal) or illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the
     component along the sun. With --set estimator.reference=weather reference_k is not needed.
 
+    --against prints which regions moved, by how much (also in half-widths) and what differed: settings, code,
+    marks. It may be given for several keys.
+
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit-slope[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
@@ -78,19 +89,20 @@ def command(
     if all(are_tables):
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
-        if any(chosen.values()) or jobs is not None or address is not None:
+        if any(chosen.values()) or against or jobs is not None or address is not None:
             raise click.UsageError(
-                "--campaign, --without-mark and workers are for sessions; a table takes --site and --set"
+                "--campaign, --without-mark, --against and workers are for sessions; "
+                "a table takes --site and --set"
             )
         _estimate_tables(sessions, site, reference, settings)
         return
     paths = find_sessions(sessions)
     if together:
-        if jobs is not None or address is not None:
-            raise click.UsageError("sessions are joined in this process: omit -j and --address")
+        if against or jobs is not None or address is not None:
+            raise click.UsageError("sessions are joined in this process: omit -j, --address and --against")
         _estimate_together(paths, out, settings, chosen)
         return
-    _estimate_sessions(paths, out, (jobs, address), settings, chosen)
+    _estimate_sessions(paths, out, (jobs, address), settings, against, chosen)
 
 
 def _estimate_sessions(
@@ -98,6 +110,7 @@ def _estimate_sessions(
     out: Path | None,
     by: tuple[int | None, str | None],
     settings: Sequence[str],
+    against: Sequence[str],
     chosen: dict[str, Any],
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
@@ -107,9 +120,14 @@ def _estimate_sessions(
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress, workers(*by, len(paths)) as executor:
         estimates = estimate_sessions(paths, settings, **chosen, executor=executor, on_progress=on_progress)
+        other: EstimatedSessions | str = "".join(against)
+        if len(against) > 1 or "=" in "".join(against):
+            other = estimate_sessions(paths, against, **chosen, executor=executor, on_progress=on_progress)
     if base is not None and estimates.estimates:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
-    if estimates.estimates:
+    if estimates.estimates and other:
+        _print_comparison(estimates.against(other))
+    elif estimates.estimates:
         _print(estimates)
     batch.raise_failures(estimates.failures, paths)
     require_slope(
@@ -162,6 +180,27 @@ def _estimate_tables(
         print_slopes({slope.region: slope for slope in slopes}, targets)
         explain_slopes(slopes)
     require_slope(slopes)
+
+
+def _print_comparison(comparison: Comparison) -> None:
+    if common.options().json:
+        common.print_json(comparison.document())
+        return
+    columns = ("session", "region", "other °", "tilt °", "moved °", "half-widths", "azimuth moved °", "state")
+    common.print_table(columns, map(_move_row, comparison.moves))
+    for name, (there, here) in comparison.differences.items():
+        common.say(f"{name}: {there or 'as configured'} in the other, here {here or 'as configured'}")
+    if not comparison.differences:
+        common.say("settings, code and marks are the same")
+
+
+def _move_row(move: Move) -> tuple[str, ...]:
+    from fieldkit.views.formatting import number
+
+    tilts = (number(tilt, 1) for tilt in (move.other_tilt_deg, move.tilt_deg))
+    moved = (number(value, places) for value, places in ((move.moved_deg, 1), (move.moved_half_widths, 2)))
+    state = move.state if move.state == move.other_state else f"{move.other_state} → {move.state}"
+    return move.session, move.region, *tilts, *moved, number(move.azimuth_moved_deg), state
 
 
 def _print(sessions: EstimatedSessions) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, progress
+from fieldkit.cli.common import Command, is_interactive, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import PATH, default_option, parse_speed
 from fieldkit.model.errors import IntegrityError
@@ -37,14 +37,20 @@ FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format
     "--speed", "speed", "max", "Session seconds per second of video; max: 25 frames.", metavar="N|max"
 )
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
+@click.option(
+    "--license", metavar="SPDX", help="Licence of an RO-Crate, such as CC-BY-4.0; kept in fieldkit.toml."
+)
 def command(session: Path | None, to: str, speed: str, **options: Any) -> None:
     """Write a session for other programs."""
-    from fieldkit.results.export import export
+    from fieldkit.results.export import campaign_facts, export
     from fieldkit.sessions.reader import open_session
 
     path = latest_session(session)
     factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
+        if "license" in EXPORTS[to].takes and is_interactive() and not options["license"]:
+            known = campaign_facts(opened)["license"]
+            options["license"] = known or click.prompt("Licence of the data", "CC-BY-4.0", err=True)
         frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
         task = bar.add_task(f"writing {to}", total=frames)
         exported = export(opened, to, speed=factor, on_frame=lambda: bar.advance(task), **options)

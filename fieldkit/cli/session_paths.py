@@ -10,6 +10,7 @@ from fieldkit.cli.common import recordings, say, say_warning, working_folder
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.next_step import Action
 from fieldkit.recording.recordings import began, exists, is_interrupted, sessions_in
+from fieldkit.sessions.superblock import refuse_address
 
 
 def recordings_folder() -> Path:
@@ -54,6 +55,7 @@ def find_session(name: Path) -> Path:
     """
     path = name if exists(name) else recordings_folder() / name
     if not exists(path):
+        refuse_address(name)
         fix = Action.LIST_SESSIONS() + " shows the sessions"
         raise SessionError("there is no such session", place=name, fix=fix)
     return path

@@ -82,10 +82,11 @@ class CampaignTable(Table):
 
     title: str = _key("", "subject of this campaign")
     operator: str = _key("", "name of the operator")
+    orcid: str = _key("", "ORCID of the operator", pattern=r"^((\d{4}-){3}\d{3}[\dX])?$")
     description: str = _key("", "notes for later readers")
     license: str = _key("", "licence of the data, such as CC-BY-4.0")
     references: str = _key("", "papers or pages to cite")
-    exact_place: bool = _key(False, "whether an RO-Crate states the exact place; else to 0.1 degrees")
+    exact_place: bool = _key(True, "whether an RO-Crate has the session and exact place; else to 0.1 degrees")
 
 
 class SiteTable(Table):

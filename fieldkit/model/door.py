@@ -174,7 +174,7 @@ def _plain(value: Any) -> Any:
         return value.item()
     if hasattr(value, "to_numpy") and hasattr(value, "__len__"):  # of pandas and xarray
         value = value.to_numpy()
-    if isinstance(value, np.ndarray | Set | Iterator):
+    if isinstance(value, np.ndarray | Set | Iterator) and not hasattr(value, "read"):  # a file stays open
         return [_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: item.tolist() if isinstance(item, np.ndarray) else item for key, item in value.items()}

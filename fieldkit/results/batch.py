@@ -24,6 +24,8 @@ from fieldkit.results.sources import ONE, SessionOrFile, Source, path_of, source
 if TYPE_CHECKING:
     import pandas as pd
 
+    from fieldkit.results.comparison import Comparison
+
 
 Result = TypeVar("Result")
 Failures = dict[Path, FieldkitError]
@@ -177,6 +179,25 @@ class EstimatedSessions:
         (estimates,) = self.estimates.values()
         return estimates
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the slopes depend on: code, sessions by content, settings, marks without effect."""
+        return {
+            **provenance(self.sources, self.failures),
+            "settings": list(self.settings),
+            "campaign": self.present,
+            "without_marks": list(self.without_marks),
+        }
+
+    def against(self, other: EstimatedSessions | str | Path) -> Comparison:
+        """By how much each slope moved from another estimate, or the files of one by their base, and why.
+
+        Raises `ConfigError` if there are no such files, or nothing that both estimated.
+        """
+        from fieldkit.results.comparison import compare
+
+        return compare(self, other)
+
     def columns(self) -> dict[str, list[Any]]:
         """The tables of all sessions below each other, the session's name in front."""
         return _below({name: estimates.columns() for name, estimates in self.estimates.items()})
@@ -203,16 +224,9 @@ class EstimatedSessions:
         What the data taught, if anything, is in ``BASE-learnt.csv``, the uncertainty budgets of the slopes
         in ``BASE-budget.csv``.
         """
-        about = {
-            **provenance(self.sources, self.failures),
-            "settings": list(self.settings),
-            "campaign": self.present,
-            "without_marks": list(self.without_marks),
-        }
         beside = {"learnt": self.learnt_columns(), "budget": self.budget_columns()}
-        return write_results(
-            base, self.columns(), about, {name: document for name, document in beside.items() if document}
-        )
+        tables = {name: table for name, table in beside.items() if table}
+        return write_results(base, self.columns(), self.about, tables)
 
 
 def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:

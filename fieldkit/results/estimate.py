@@ -26,6 +26,7 @@ from fieldkit.results.sources import (
     SessionOrFile,
     log_warning,
     path_of,
+    reading,
     regions_for,
     settings_from,
     source_of,
@@ -105,7 +106,8 @@ def estimate(
         keys["estimator.model"] = model
     chosen: dict[str, Any] = {"present": present, "regions": regions, "without_marks": without_marks}
     if executor is None and isinstance(session, ONE):
-        return estimate_run(run_of(source_of(path_of(session), **chosen), settings_from(keys)))
+        with reading(session) as opened:
+            return estimate_run(run_of(source_of(opened, **chosen), settings_from(keys)), opened)
     paths = map(path_of, [session] if isinstance(session, ONE) else session)
     estimated = estimate_sessions(paths, settings_from(keys), executor=executor, **chosen)
     return estimated.only if isinstance(session, ONE) else estimated

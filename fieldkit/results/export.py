@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -10,6 +12,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, overload
 
+from fieldkit.config import find_campaign
+from fieldkit.config.edit import editing, set_key
+from fieldkit.config.files import read_text
+from fieldkit.config.load import parse_toml
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
@@ -48,6 +54,7 @@ def export(  # type: ignore[misc]  # the options above are those below
     until: str | None = None,
     speed: float | None = None,
     palette: str | None = None,
+    license: str | None = None,
     executor: Executor | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> Export | BySession[Export]:
@@ -73,6 +80,9 @@ def export(  # type: ignore[misc]  # the options above are those below
         Of a video: seconds of the session per second; by default each frame is one of 25 pictures a second.
     palette : str, optional
         Colours of images and videos, of `fieldkit.palettes.NAMES`; inferno by default.
+    license : str, optional
+        Of an RO-Crate, by default the campaign's: an SPDX identifier such as ``"CC-BY-4.0"``, or an address.
+        It is kept in ``fieldkit.toml``.
     executor : Executor, optional
         Any of `concurrent.futures`, whose workers read and write; this process unless given.
     on_frame : callable, optional
@@ -95,6 +105,7 @@ def export(  # type: ignore[misc]  # the options above are those below
         raise ConfigError("not a kind of export", place=Argument("to", to), fix=did_you_mean(to, EXPORTS))
     chosen = EXPORTS[to]
     options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
+    options["license"] = license
     times = {"begin": begin, "until": until}
     _refuse_unused(to, {**options, **times})
     if executor is not None or not isinstance(session, ONE):
@@ -103,6 +114,8 @@ def export(  # type: ignore[misc]  # the options above are those below
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
         options["on_frame"] = on_frame
+        if "license" in chosen.takes:
+            options |= _deposit(opened, license)
         options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
         used = {name: value for name, value in options.items() if value is not None and name in chosen.takes}
         try:
@@ -115,6 +128,31 @@ def export(  # type: ignore[misc]  # the options above are those below
                 fix="name a folder that can be written and has room",
             ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
+
+
+def campaign_facts(session: SessionReader) -> dict[str, str]:
+    """Licence and ORCID by the campaign around a session as it is now, else as recorded; empty if unknown."""
+    tables = [tomllib.loads(session.config_toml)]
+    with contextlib.suppress(ConfigError):
+        file = find_campaign(session.path.resolve().parent)
+        tables.insert(0, parse_toml(read_text(file), file))
+    facts = [*(table.get("campaign", {}) for table in tables), {"license": session.header.license}]
+    return {key: next(filter(None, (fact.get(key) for fact in facts)), "") for key in ("license", "orcid")}
+
+
+def _deposit(session: SessionReader, license: str | None) -> dict[str, str]:
+    """Licence and ORCID of a deposit; a licence that is given is kept in the campaign's file."""
+    facts = campaign_facts(session)
+    if license is None and not facts["license"]:
+        raise ConfigError(
+            "an archive needs the licence of the data",
+            place=session.path,
+            fix="give it once: " + Argument("license", "CC-BY-4.0"),
+        )
+    if license is not None and license != facts["license"]:
+        with contextlib.suppress(ConfigError), editing(find_campaign(session.path.resolve().parent)) as draft:
+            set_key(draft, "campaign", "license", license)
+    return facts if license is None else {**facts, "license": license}
 
 
 def _export_into(session: Path, to: str, folder: Path, **options: Any) -> Export:

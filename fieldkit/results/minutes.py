@@ -259,11 +259,11 @@ def keep_recorded(path: Path, estimator: Estimator) -> None:
             session_minutes.keep(estimator)
 
 
-def estimate_run(run: Run) -> Estimates:
-    """The slopes of one run, in this process; raises `SessionError`."""
+def estimate_run(run: Run, session: SessionReader | None = None) -> Estimates:
+    """The slopes of one run, in this process, of its file or the open session; raises `SessionError`."""
     if (cached := _known_slopes(run)) is not None:
         return cached
-    return _keep_slopes(run, solve(measure_run(run).history, run.source.regions, run.settings))
+    return _keep_slopes(run, solve(measure_run(run, session).history, run.source.regions, run.settings))
 
 
 class SessionMinutes:

@@ -96,6 +96,14 @@ def recall(
     return tuple(documents), settings, present
 
 
+def earlier_results(base: Path) -> tuple[dict[str, Any], Path]:
+    """What an estimate wrote about its slopes, and their table, by the base; raises `ConfigError`."""
+    document = _document_of(base)
+    if document is None:
+        raise ConfigError("no results of an estimate", place=base, fix=_RECALLABLE)
+    return _about(document), document.with_suffix(".csv")
+
+
 def _document_of(path: Path) -> Path | None:
     """The ``BASE.json`` of results, with or without a known ending typed; None where a session is named."""
     if path.exists() and path.suffix not in ENDINGS:

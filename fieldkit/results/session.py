@@ -24,6 +24,7 @@ from fieldkit.sessions import analysis
 from fieldkit.sessions.analysis import Calibration, RegionSeries, channel_names
 from fieldkit.sessions.reader import SessionReader, open_as
 from fieldkit.sessions.stream_reader import Readings
+from fieldkit.sessions.superblock import BinaryFile
 from fieldkit.views import formatting, html, plots
 
 if TYPE_CHECKING:
@@ -386,8 +387,12 @@ class Session(SessionReader):
         return f"{start:%Y-%m-%d %H:%M} {formatting.zone_name(self.start_ns, self.site)}, {minutes:.0f} min"
 
 
-def open_session(path: str | Path) -> Session:
+def open_session(path: str | Path | BinaryFile) -> Session:
     """Open a session for reading: sealed, recovered, interrupted, or while it is being recorded.
+
+    A file object, such as ``fsspec.open("s3://bucket/day.h5").open()``, is read where it is, and is not
+    closed. Its session can be estimated, mapped and exported into a folder; what changes a session or writes
+    beside it needs a file.
 
     Raises
     ------

@@ -26,7 +26,7 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region
 from fieldkit.model.spelling import nearest
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import FILE_OBJECT, SessionReader, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
@@ -45,10 +45,12 @@ Settings = Mapping[str, Any] | Sequence[str] | str
 
 
 def path_of(session: SessionOrFile) -> Path:
-    """The file of a session; raises `SessionError` for a closed one."""
+    """The file of a session; raises `SessionError` for a closed one, and for one without."""
     if not isinstance(session, SessionReader):
         return Path(session)
     session.require_open()
+    if session.path.parent == FILE_OBJECT:
+        raise SessionError("has no file of its own", place=session.path, fix="copy it to this computer")
     return session.path
 
 
@@ -102,7 +104,7 @@ class Source:
 
 
 def source_of(
-    path: Path,
+    session: SessionOrFile,
     *,
     present: bool = False,
     regions: Sequence[Region] | None = None,
@@ -114,19 +116,20 @@ def source_of(
     `SessionError` if it cannot be read or is still being recorded, `ConfigError`, also for regions that
     cannot be used in its frames.
     """
-    with open_session(path) as session:
-        if session.state == "recording":
+    with reading(session) as opened:
+        path = opened.path
+        if opened.state == "recording":
             raise SessionError("being recorded", place=path, fix="wait until it ends, or " + Action.STOP())
-        config = config_for(session, present=present)
+        config = config_for(opened, present=present)
         if regions is None:
-            schedule = regions_for(session, config, present=present)
+            schedule = regions_for(opened, config, present=present)
         else:
-            schedule = schedule_of(session, regions)
-        # a session may consist of its journal alone: then there is no file to digest
+            schedule = schedule_of(opened, regions)
+        # a session may consist of its journal alone, or lie elsewhere: then there is no file to digest
         checksum = sha256(path) if path.exists() else ""
-        marks = session.marks()
+        marks = opened.marks()
         without = sorted({number for name in without_marks for number in numbers_named(name, marks)})
-        return Source(path.resolve(), checksum, session.session_id, config, schedule, tuple(without))
+        return Source(path.resolve(), checksum, opened.session_id, config, schedule, tuple(without))
 
 
 def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:

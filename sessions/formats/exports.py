@@ -47,7 +47,9 @@ EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
         "mcap": ExportFormat("mcap_out:export_mcap", "one MCAP file of everything, for its viewers", _STREAM),
         "ros2": ExportFormat("ros2:export_ros2", "an MCAP file with ROS 2's own message types", _STREAM),
         "ro-crate": ExportFormat(
-            "ro_crate_out:export_ro_crate", "tables with RO-Crate metadata, for archives"
+            "ro_crate_out:export_ro_crate",
+            "session and tables with RO-Crate metadata, for archives",
+            frozenset({"license", "orcid"}),
         ),
         "png": ExportFormat("images_out:export_pngs", "frames as coloured images", _IMAGES, True),
         "video": ExportFormat(

@@ -1,4 +1,4 @@
-"""A session as an RO-Crate for archives: its tables, and ``ro-crate-metadata.json`` that describes them.
+"""A session as an RO-Crate for archives: its file and tables, described by ``ro-crate-metadata.json``.
 
 RO-Crate 1.1 (https://w3id.org/ro/crate/1.1) is JSON-LD in the words of schema.org, of which Zenodo and other
 archives fill DataCite's fields: creators, titles, rights, descriptions, related items, dates, place, formats.
@@ -7,6 +7,8 @@ archives fill DataCite's fields: creators, titles, rights, descriptions, related
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -24,29 +26,47 @@ METADATA = "ro-crate-metadata.json"
 VERSION = "https://w3id.org/ro/crate/1.1"
 PLACE_DECIMALS = 1
 """Of the place where the exact one is not to be published: to about ten kilometres."""
+FORMATS = {".h5": "application/x-hdf5", ".csv": "text/csv", ".json": "application/json"}
 _SPDX = "https://spdx.org/licenses/"
 
 
-def export_ro_crate(session: SessionReader, folder: Path) -> list[Path]:
-    """Write the tables of a session and their description into a folder, which becomes the crate."""
+def export_ro_crate(session: SessionReader, folder: Path, *, license: str, orcid: str = "") -> list[Path]:
+    """Write a session, its tables and their description into a folder, which becomes the crate.
+
+    `license` is an SPDX identifier, an address or words; `orcid` the operator's. Without the exact place the
+    session, which states it, is not in the crate.
+    """
     files = export_csv(session, folder)
+    copy = folder / session.path.name
+    if _is_exact(session.header.config_toml) and session.path.exists():
+        if copy.resolve() != session.path.resolve():
+            with replacing(copy, synced=False) as draft:
+                shutil.copyfile(session.path, draft)
+        files = [copy, *files]
     metadata = folder / METADATA
-    document = {"@context": f"{VERSION}/context", "@graph": list(_entities(session, files))}
+    graph = list(_entities(session, files, license, orcid))
+    document = {"@context": f"{VERSION}/context", "@graph": graph}
     with replacing(metadata, synced=False) as draft:
         draft.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return [*files, metadata]
 
 
-def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[str, Any]]:
+def _entities(
+    session: SessionReader, files: Sequence[Path], license: str, orcid: str
+) -> Iterator[dict[str, Any]]:
     """The descriptor, the dataset, and what they refer to."""
-    yield {"@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": VERSION}, "about": {"@id": "./"}}
-    yield _dataset(session, files)
-    for file in files:
-        about = {"name": file.stem, "encodingFormat": "text/csv", "contentSize": str(file.stat().st_size)}
-        yield {"@id": file.name, "@type": "File", **about}
     header = session.header
-    if header.operator:
-        yield {"@id": "#operator", "@type": "Person", "name": header.operator}
+    author = f"https://orcid.org/{orcid}" if orcid else "#operator" if header.operator else ""
+    address = f"{_SPDX}{license}" if re.fullmatch(r"[\w.+-]+", license) else license
+    address = address if ":" in address and " " not in address else "#license"
+    yield {"@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": VERSION}, "about": {"@id": "./"}}
+    yield _dataset(session, files, author, address)
+    for file in files:
+        about = {"encodingFormat": FORMATS[file.suffix], "contentSize": str(file.stat().st_size)}
+        yield {"@id": file.name, "@type": "File", "name": file.stem, **about}
+    yield {"@id": address, "@type": "CreativeWork", "name": license}
+    if author:
+        yield {"@id": author, "@type": "Person", "name": header.operator or orcid}
     if header.site.body == "earth":
         yield {"@id": "#place", "@type": "Place", "geo": {"@id": "#geo"}}
         yield _coordinates(header.site, is_exact=_is_exact(header.config_toml))
@@ -60,21 +80,18 @@ def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[st
     }  # fmt: skip
 
 
-def _dataset(session: SessionReader, files: Sequence[Path]) -> dict[str, Any]:
+def _dataset(session: SessionReader, files: Sequence[Path], author: str, license: str) -> dict[str, Any]:
     """The root: what RO-Crate demands (name, description, date, licence), and what is known beyond."""
     header = session.header
     title = header.title or session.path.stem
-    optional = {
-        "author": {"@id": "#operator"} if header.operator else "",
-        "license": _license(header.license),
-        "citation": header.references,
-    }
+    optional = {"author": {"@id": author} if author else "", "citation": header.references}
     return {
         "@id": "./",
         "@type": "Dataset",
         "name": title,
         "identifier": f"urn:uuid:{session.session_id}",
         "description": header.description or f"{title}: readings and slopes recorded by fieldkit",
+        "license": {"@id": license},
         "datePublished": f"{datetime.now(UTC):%Y-%m-%d}",
         "temporalCoverage": f"{iso_utc(session.start_ns)}/{iso_utc(session.end_ns)}",
         "spatialCoverage": {"@id": "#place"},
@@ -84,14 +101,9 @@ def _dataset(session: SessionReader, files: Sequence[Path]) -> dict[str, Any]:
     }
 
 
-def _license(words: str) -> Any:
-    """The licence by its SPDX identifier as an address, or as it is written."""
-    return {"@id": f"{_SPDX}{words}"} if words and " " not in words and ":" not in words else words
-
-
 def _is_exact(config_toml: str) -> bool:
     """Whether the campaign publishes its exact place."""
-    return bool(tomllib.loads(config_toml).get("campaign", {}).get("exact_place", False))
+    return bool(tomllib.loads(config_toml).get("campaign", {}).get("exact_place", True))
 
 
 def _coordinates(site: Site, *, is_exact: bool) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -34,16 +35,46 @@ Spreadsheets skip leading blanks and characters without width; the last four are
 """
 
 
+PACKAGE = "datapackage.json"
+_TYPES = {"M": "datetime", "f": "number", "i": "integer", "u": "integer", "O": "string"}
+_UNIT = re.compile(r"\[(.+)\]$")
 Columns = Mapping[str, NDArray[Any]]
 """A table: columns of one length by their names, ``time`` (datetime64[ns], UTC) first."""
 
 
 def export_csv(session: SessionReader, folder: Path) -> list[Path]:
-    """Write every table of a session as CSV; returns the files.
+    """Write every table of a session as CSV, described by ``datapackage.json``; returns the files.
 
-    Raises `IncompleteError`, when all the others are written, for a table that cannot be read.
+    That is a Data Package of Frictionless Data: types and units of the columns. Raises `IncompleteError`,
+    when all the others are written, for a table that cannot be read.
     """
-    return _export(session, folder, "csv", _csv)
+    resources: list[dict[str, Any]] = []
+    package = folder / PACKAGE
+
+    def describe(path: Path, table: Columns) -> None:
+        resources.append(_resource(path, table))
+
+    try:
+        files = _export(session, folder, "csv", _csv, describe)
+    finally:
+        about = {"name": _slug(session.path.stem), "profile": "tabular-data-package", "resources": resources}
+        with replacing(package, synced=False) as draft:
+            draft.write_text(json.dumps(about, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return [*files, package]
+
+
+def _resource(path: Path, table: Columns) -> dict[str, Any]:
+    fields = [{"name": as_text(name), "type": _TYPES[column.dtype.kind]} for name, column in table.items()]
+    for field in fields:
+        if unit := _UNIT.search(field["name"]):
+            field["unit"] = unit[1]
+    about = {"name": _slug(path.stem), "path": path.name, "profile": "tabular-data-resource"}
+    return {**about, "format": "csv", "encoding": "utf-8", "schema": {"fields": fields}}
+
+
+def _slug(name: str) -> str:
+    """A name as Data Packages allow."""
+    return re.sub(r"[^a-z0-9._-]+", "-", name.lower())
 
 
 def export_parquet(session: SessionReader, folder: Path) -> list[Path]:
@@ -52,11 +83,17 @@ def export_parquet(session: SessionReader, folder: Path) -> list[Path]:
 
 
 def _export(
-    session: SessionReader, folder: Path, kind: str, write: Callable[[Columns, Path], None]
+    session: SessionReader,
+    folder: Path,
+    kind: str,
+    write: Callable[[Columns, Path], None],
+    on_table: Callable[[Path, Columns], None] = lambda *_: None,
 ) -> list[Path]:
     def table(make: Callable[[], Columns], path: Path) -> Path:
+        columns = make()
         with replacing(path, synced=False) as draft:
-            write(make(), draft)
+            write(columns, draft)
+        on_table(path, columns)
         return path
 
     return all_but_unreadable(

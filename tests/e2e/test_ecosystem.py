@@ -1,5 +1,9 @@
 """A session opens in the tools people have: h5dump, ncdump, xarray with both engines, NeXus viewers, zarr.
 
+What is exported of it passes the checkers of archives: CF, Frictionless. RO-Crate's required sentences are in
+tests/unit/sessions/formats/test_ro_crate.py, COG in tests/unit/cli/test_map.py, MCAP's own reader in
+tests/unit/sessions/formats/test_export.py.
+
 Each engine bundles its own HDF5 library, so each runs in a process of its own.
 """
 
@@ -12,6 +16,7 @@ from typing import Any
 import h5py
 import pytest
 
+import fieldkit
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.writer import SessionWriter
@@ -67,6 +72,45 @@ camera = zarr.open_group(zarr.storage.FsspecStore(system, read_only=True), mode=
 with h5py.File(sys.argv[1]) as file:
     same = {name: bool((camera[name][:] == file["camera"][name][:]).all()) for name in ("counts", "mono_ns")}
 print(json.dumps({**same, "scale": camera["counts"].attrs["scale_factor"]}))
+"""
+
+
+FLAT = """
+import sys
+import netCDF4
+path, folder = sys.argv[1:]
+with netCDF4.Dataset(path) as source:
+    source.set_auto_maskandscale(False)
+    for name, group in source.groups.items():
+        with netCDF4.Dataset(f"{folder}/{name}.nc", "w") as flat:
+            flat.setncatts({**source.__dict__, **group.__dict__})
+            for dimension in group.dimensions.values():
+                flat.createDimension(dimension.name, len(dimension))
+            for variable in group.variables.values():
+                attributes = dict(variable.__dict__)
+                fill = attributes.pop("_FillValue", None)
+                kind = variable.dtype, variable.dimensions
+                copy = flat.createVariable(variable.name, *kind, fill_value=fill)
+                copy.set_auto_maskandscale(False)
+                copy.setncatts(attributes)
+                if variable.dtype != str:
+                    copy[:] = variable[:]
+"""
+
+CF = """
+import sys
+from compliance_checker.runner import CheckSuite, ComplianceChecker
+CheckSuite.load_all_available_checkers()
+for path in sys.argv[1:]:
+    ComplianceChecker.run_checker(
+        path, ["cf:1.11"], 0, "normal", output_filename=path + ".json", output_format="json"
+    )
+"""
+
+FRICTIONLESS = """
+import json, sys
+from frictionless import validate
+print(json.dumps(validate(sys.argv[1]).flatten(["fieldName", "rowNumber"])))
 """
 
 
@@ -166,3 +210,28 @@ def test_every_number_has_a_unit_and_every_flag_a_meaning(session):
 
     with h5py.File(session) as file:
         file.visititems(look)
+
+
+def test_a_netcdf_export_has_no_error_by_the_checker_of_cf(session, tmp_path):
+    """The checker looks at the root of a file only: each group is one of its own for it."""
+    (path,) = fieldkit.export(session, "netcdf", tmp_path).files
+    (tmp_path / "flat").mkdir()
+    subprocess.run([sys.executable, "-c", FLAT, str(path), str(tmp_path / "flat")], check=True)
+    flat = sorted((tmp_path / "flat").glob("*.nc"))
+    assert len(flat) > 8
+    subprocess.run([sys.executable, "-c", CF, *map(str, flat)], check=True, capture_output=True)
+    reports = [json.loads(path.with_name(f"{path.name}.json").read_text())["cf:1.11"] for path in flat]
+    errors = [result["msgs"] for report in reports for result in report["high_priorities"]]
+    assert len(errors) > len(flat)
+    assert [messages for messages in errors if messages] == []
+
+
+def test_exported_tables_are_valid_by_their_schema(session, tmp_path):
+    fieldkit.export(session, "csv", tmp_path)
+    package, lux = tmp_path / "datapackage.json", tmp_path / "field-lux.csv"
+    assert output(FRICTIONLESS, str(package)) == []
+    fields = json.loads(package.read_text())["resources"][1]["schema"]["fields"]
+    assert {"name": "illuminance [lx]", "type": "number", "unit": "lx"} in fields
+    rows = lux.read_text().splitlines()
+    lux.write_text("\n".join([*rows, rows[-1].replace("Z,", "Z,bright", 1)]))  # what is no number is found
+    assert output(FRICTIONLESS, str(package)) == [["illuminance [lx]", len(rows) + 1]]

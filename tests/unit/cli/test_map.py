@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import rasterio
 import xarray as xr
+from rio_cogeo import cog_validate
 
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import NoAnswerError, StorageError
@@ -333,6 +334,7 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
     done = succeed("map", session, "-o", tmp_path / "x", "--pose", tmp_path / "pose.toml", "--cell-m", 0.25)
     # 88 km to the west of the meridian: 0.9996 (1 + 88^2 / (2 x 6371^2)); -1.0 degrees x sin(37.7 degrees)
     assert "convergence -0.61°, scale 0.99970" in done.output
+    assert cog_validate(tmp_path / "x.tif", strict=True) == (True, [], [])
     with rasterio.open(tmp_path / "x.tif") as file:
         layers = "slope", "heading", "slope_sd", "heading_sd", "state", "height", "misclosure"
         assert file.descriptions == layers
