@@ -202,7 +202,7 @@ class Session(SessionReader):
     >>> session.report().path.name
     '20160101T190001Z-noon.html'
     >>> len(session.export("csv").files)
-    5
+    6
     >>> session.plot().get_ylabel()
     'brightness temperature, °C'
 

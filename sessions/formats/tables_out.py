@@ -56,11 +56,17 @@ def export_csv(session: SessionReader, folder: Path) -> list[Path]:
 
     try:
         files = _export(session, folder, "csv", _csv, describe)
-    finally:
-        about = {"name": _slug(session.path.stem), "profile": "tabular-data-package", "resources": resources}
-        with replacing(package, synced=False) as draft:
-            draft.write_text(json.dumps(about, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return [*files, package]
+    except IncompleteError as error:
+        written = _write_package(package, resources)
+        raise IncompleteError(error.problem, [*error.files, written]) from error
+    return [*files, _write_package(package, resources)]
+
+
+def _write_package(path: Path, resources: list[dict[str, Any]]) -> Path:
+    about = {"profile": "tabular-data-package", "resources": resources}
+    with replacing(path, synced=False) as draft:
+        draft.write_text(json.dumps(about, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
 
 
 def _resource(path: Path, table: Columns) -> dict[str, Any]:

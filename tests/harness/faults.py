@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from bisect import bisect
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from tests.harness.recording import CountedClock, fill, header
 def small_session(path: Path) -> Path:
     """A sealed session that has something in every table, and a corrected clock and mark."""
     clock = CountedClock()
-    writer = SessionWriter(path, header((8, 10)), clock)
+    writer = SessionWriter(path, replace(header((8, 10)), license="CC-BY-4.0"), clock)
     fill(writer, 10, clock)
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)

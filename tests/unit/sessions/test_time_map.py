@@ -39,7 +39,11 @@ from tests.harness.next_steps import at, steps
 from tests.harness.recording import CountedClock, fill, header, sample
 
 S = 1_000_000_000
-HEADER = header((24, 32))
+HEADER = replace(
+    header((24, 32)),
+    license="CC-BY-4.0",
+    config_toml="[campaign]\nexact_place = false\n",  # an RO-Crate without the session, which keeps its times
+)
 CAMERA, LUX, _ = HEADER.streams
 STEPS = [TimeStep(0, 3600 * S, "stepped"), TimeStep(3 * S, 4260 * S, "slept 660 s")]
 """The clock was an hour late, and after the third second the computer slept for eleven minutes."""
@@ -238,7 +242,7 @@ def contents(path: Path) -> object:
             messages = make_reader(BytesIO(path.read_bytes())).iter_messages()
             return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
         case ".json":
-            graph = json.loads(path.read_text(encoding="utf-8"))["@graph"]
+            graph = json.loads(path.read_text(encoding="utf-8")).get("@graph", [])
             return [{key: value for key, value in one.items() if key != "identifier"} for one in graph]
     return path.read_bytes()
 
