@@ -38,6 +38,7 @@ if _TYPE_CHECKING:
     from fieldkit.recording.simulate import simulate as simulate
     from fieldkit.recording.suggesting import suggest_regions as suggest_regions
     from fieldkit.results.check import check as check
+    from fieldkit.results.comparison import compare as compare
     from fieldkit.results.estimate import estimate as estimate
     from fieldkit.results.export import export as export
     from fieldkit.results.importing import ImportOptions as ImportOptions
@@ -61,6 +62,7 @@ _HOMES = {
     "fieldkit.recording.campaign": ("Campaign", "init_campaign", "open_campaign"),
     "fieldkit.recording.catalogue": ("catalogue",),
     "fieldkit.results.check": ("check",),
+    "fieldkit.results.comparison": ("compare",),
     "fieldkit.results.estimate": ("estimate",),
     "fieldkit.results.export": ("export",),
     "fieldkit.results.importing": ("ImportOptions", "import_into", "import_recording"),

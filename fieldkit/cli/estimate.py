@@ -114,6 +114,7 @@ def _estimate_sessions(
     chosen: dict[str, Any],
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
+    from fieldkit.results.comparison import compare
     from fieldkit.results.estimate import require_slope
     from fieldkit.results.executors import workers
 
@@ -126,7 +127,7 @@ def _estimate_sessions(
     if base is not None and estimates.estimates:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if estimates.estimates and other:
-        _print_comparison(estimates.against(other))
+        _print_comparison(compare(estimates, other))
     elif estimates.estimates:
         _print(estimates)
     batch.raise_failures(estimates.failures, paths)

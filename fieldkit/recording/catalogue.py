@@ -63,6 +63,8 @@ class Catalogue:
     <Catalogue of 1 sessions, 3 regions>
     >>> sessions.where("tilt < 10").columns()["region"]
     ['b05']
+    >>> len(sessions.since("2016-01-02")), sessions.rows()[0]["session_state"]
+    (0, 'sealed')
     >>> list(sessions.to_frame())[:3]
     ['session', 'session_state', 'start']
     """
@@ -131,6 +133,11 @@ def catalogue(folder: str | Path = ".") -> Catalogue:
 
     Sessions are opened when they are new or have changed; one that cannot be read has a row as well. Links,
     folders and devices among them are skipped.
+
+    Examples
+    --------
+    >>> len(fieldkit.catalogue("sandslope"))
+    1
     """
     folder = Path(folder)
     inside = folder / "recordings" if (folder / "recordings").is_dir() else folder

@@ -24,8 +24,6 @@ from fieldkit.results.sources import ONE, SessionOrFile, Source, path_of, source
 if TYPE_CHECKING:
     import pandas as pd
 
-    from fieldkit.results.comparison import Comparison
-
 
 Result = TypeVar("Result")
 Failures = dict[Path, FieldkitError]
@@ -188,15 +186,6 @@ class EstimatedSessions:
             "campaign": self.present,
             "without_marks": list(self.without_marks),
         }
-
-    def against(self, other: EstimatedSessions | str | Path) -> Comparison:
-        """By how much each slope moved from another estimate, or the files of one by their base, and why.
-
-        Raises `ConfigError` if there are no such files, or nothing that both estimated.
-        """
-        from fieldkit.results.comparison import compare
-
-        return compare(self, other)
 
     def columns(self) -> dict[str, list[Any]]:
         """The tables of all sessions below each other, the session's name in front."""

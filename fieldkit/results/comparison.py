@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.slope import WITH_SLOPE
+from fieldkit.results.batch import EstimatedSessions
 from fieldkit.results.result_files import earlier_results
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from fieldkit.results.batch import EstimatedSessions
 
 _WITH_SLOPE = {state.name.lower() for state in WITH_SLOPE}
 
@@ -46,8 +45,8 @@ class Comparison:
     `differences` has the other's value and this one's by what differs: each setting, the code's version,
     marks without effect, the content of sessions that were changed in between, as a corrected mark does.
 
-    >>> brighter = fieldkit.estimate([day], albedo=0.25)                             # doctest: +SKIP
-    >>> brighter.against(fieldkit.estimate([day])).to_frame()                        # doctest: +SKIP
+    >>> comparison = fieldkit.compare(june, "results/june")                          # doctest: +SKIP
+    >>> comparison.to_frame(), comparison.document()                                 # doctest: +SKIP
     """
 
     moves: tuple[Move, ...]
@@ -68,9 +67,16 @@ class Comparison:
 
 
 def compare(estimates: EstimatedSessions, other: EstimatedSessions | str | Path) -> Comparison:
-    """Compare estimates of sessions with others, or with the files that an estimate wrote, by their base.
+    """Compare estimates of several sessions with others, or with the files that an estimate wrote.
 
-    Raises `ConfigError` if there are no such files, or nothing that both estimated.
+    `other` are estimates, or the base of those files: ``"results/base"``. Raises `ConfigError` if there are
+    no such files, or nothing that both estimated.
+
+    Examples
+    --------
+    >>> slopes = fieldkit.estimate([session], model="full")
+    >>> fieldkit.compare(slopes, fieldkit.estimate([session], model="full", albedo=0.25)).differences
+    {'surface.albedo': ('0.25', '')}
     """
     ours, theirs = _finals(_rows(estimates.columns())), _finals(_other_rows(other))
     moves = [_move(key, ours[key], theirs[key]) for key in ours if key in theirs]

@@ -308,7 +308,7 @@ class Session(SessionReader):
         Traceback (most recent call last):
         ...
         fieldkit.model.errors.ConfigError: 'a gust': the session has no such mark
-          fix: its marks: none
+          fix: name one of its marks: none
         """
         from fieldkit.results.marks import correct, withdrawal
 

@@ -13,7 +13,7 @@ FULL = {"estimator.model": "full"}
 
 def test_moves_are_those_of_the_final_slopes_with_what_differed(sessions):
     ours = fieldkit.estimate(sessions, FULL, albedo=0.25)
-    comparison = ours.against(fieldkit.estimate(sessions, FULL))
+    comparison = fieldkit.compare(ours, fieldkit.estimate(sessions, FULL))
     assert dict(comparison.differences) == {"surface.albedo": ("", "0.25")}
     assert len(comparison.moves) == 6
     other = fieldkit.estimate(sessions[0], FULL)
@@ -31,20 +31,19 @@ def test_moves_are_those_of_the_final_slopes_with_what_differed(sessions):
 def test_against_what_was_written_earlier(sessions, tmp_path):
     ours = fieldkit.estimate(sessions, FULL)
     ours.write(tmp_path / "base")
-    same = fieldkit.estimate(sessions, FULL).against(tmp_path / "base")
+    same = fieldkit.compare(fieldkit.estimate(sessions, FULL), tmp_path / "base")
     assert dict(same.differences) == {}
     assert {move.moved_deg for move in same.moves if math.isfinite(move.moved_deg)} == {0.0}
     about = (tmp_path / "base.json").read_text().replace(ours.about["code_version"], "0.1.0+older")
     (tmp_path / "base.json").write_text(about)
-    other = ours.against(str(tmp_path / "base"))
+    other = fieldkit.compare(ours, str(tmp_path / "base"))
     assert dict(other.differences) == {"code version": ("0.1.0+older", ours.about["code_version"])}
     assert list(other.to_frame()["region"]) == [move.region for move in other.moves]
 
 
-def test_a_mark_without_effect_is_named(sessions):
-    fieldkit.open_session(sessions[0]).close()
+def test_the_campaign_as_it_is_now_is_named(sessions):
     ours = fieldkit.estimate(sessions[:1], FULL)
-    other = ours.against(fieldkit.estimate(sessions[:1], FULL, present=True))
+    other = fieldkit.compare(ours, fieldkit.estimate(sessions[:1], FULL, present=True))
     assert dict(other.differences) == {"campaign": ("as it is now", "as recorded")}
 
 
@@ -62,4 +61,4 @@ def test_what_was_not_estimated_cannot_be_compared(sessions, tmp_path):
     first, second = (fieldkit.estimate([path], FULL) for path in sessions)
     for other in (second, tmp_path / "nothing"):
         with pytest.raises(ConfigError):
-            first.against(other)
+            fieldkit.compare(first, other)
