@@ -54,7 +54,7 @@ def files_in(source: Path) -> list[Path]:
 
 
 def read_flir(
-    source: Path, name: str, *, times: Path | None = None, time_format: str | None = None,
+    source: Path, name: str = "camera", *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, offset_ns: int = 0,
 ) -> ImportedRecording:  # fmt: skip
     """Read a file, or a folder of them, as a camera stream in order of time; counts and constants as stored.
@@ -114,9 +114,8 @@ def _scan(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, s
             first = first or frame
             files.append(file)
     if first is None:
-        raise ConfigError(
-            f"no frame with temperatures: {others[0] if others else 'it is empty'}", place=source, fix=fix
-        )
+        problem = f"no frame with temperatures: {others[0] if others else 'it is empty'}"
+        raise ConfigError(problem, place=source, fix=fix)
     if not others:
         return first, files, ()
     more = f" and {len(others) - 1} more" if len(others) > 1 else ""

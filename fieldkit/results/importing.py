@@ -27,7 +27,7 @@ from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
 from fieldkit.sessions.formats import imported, jma, joined, stills
-from fieldkit.sessions.formats.bags import BagOptions, is_bag, read_bag
+from fieldkit.sessions.formats.bags import is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
 from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
@@ -285,7 +285,7 @@ def _join(
         recording = joined.recording_of(opened, other, clock, options.name)
         if keys := configured_otherwise(opened, other):
             text = f"slopes use the settings of {opened.path.name}, not {', '.join(keys)} of {source.name}"
-            recording = _with_warning(recording, text)
+            recording = recording.noted(text)
         recording = _warned_of_irradiance(opened, recording)
         default = opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5")
         path = default if out is None else Path(out)
@@ -329,7 +329,7 @@ def _with_site(
     note = " (the paper's, the default of a campaign)" if is_default else ""
     text = f"no site was given: taken as recorded at the campaign's site, {_coordinates(config.site)}{note}; "
     text += "if it was elsewhere, import it again with its site"
-    return config.site, _with_warning(recording, text)
+    return config.site, recording.noted(text)
 
 
 def _coordinates(site: Site) -> str:
@@ -342,7 +342,7 @@ def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRec
     if away_m < NEAR_M:
         return recording
     text = f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
-    return _with_warning(recording, text)
+    return recording.noted(text)
 
 
 def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) -> ImportedRecording:
@@ -352,14 +352,9 @@ def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) 
     before, after = (sunlight_source(streams, settings) for streams in (own, own + recording.streams))
     if before is None or after is None or before.info.name == after.info.name:
         return recording
-    text = (
-        f"slopes now use the irradiance of {after.info.name} ({after.measures}), not of {before.info.name}; "
-    )
-    return _with_warning(recording, f'{text}irradiance.stream = "{before.info.name}" keeps it')
-
-
-def _with_warning(recording: ImportedRecording, text: str) -> ImportedRecording:
-    return replace(recording, notes=(*recording.notes, (Severity.WARNING, text)))
+    which = f"{after.info.name} ({after.measures}), not of {before.info.name}"
+    keeps = f'irradiance.stream = "{before.info.name}" keeps it'
+    return recording.noted(f"slopes now use the irradiance of {which}; {keeps}")
 
 
 def _default_path(config: Config | None, recording: ImportedRecording, source: Path) -> Path:
@@ -383,11 +378,9 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
         if source_format.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - source_format.uses
             _refuse_unused(source, options, unused, source_format.name)
-            recording = source_format.read(source, options)
-            if not source_format.zone:
-                return recording
-            note = Severity.INFO, f"times in {options.zone or source_format.zone}"
-            return replace(recording, notes=(*recording.notes, note))
+            recording = source_format.read(source, **_facts(options, source_format.uses))
+            zone = options.zone or source_format.zone
+            return recording.noted(f"times in {zone}", Severity.INFO) if source_format.zone else recording
     fix = (
         "import one of .raw.y16.gz, .fff, .seq, .csq, radiometric .jpg, TIFF, 16-bit PNG, .irg, CSV frames, "
         "tables and workbooks, netCDF, bags of ROS, files of radiation networks and services"
@@ -405,7 +398,7 @@ def _read_in_zone(source: Path, options: ImportOptions, site: Site | None, whose
             raise
         recording = read_source(source, replace(options, zone=site.timezone))
         text = f"no zone is stated: its times were taken in that of the {whose}, {site.timezone}"
-        return _with_warning(recording, text)
+        return recording.noted(text)
 
 
 def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
@@ -416,7 +409,7 @@ def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str
         raise ConfigError(f"is {name}: " + names + " would have no effect", place=source, fix="omit " + names)
 
 
-def _refuse_session(source: Path, options: ImportOptions) -> ImportedRecording:
+def _refuse_session(source: Path, **facts: Any) -> ImportedRecording:
     raise ConfigError("is a session already", place=source, fix="join it: " + Action.IMPORT_INTO(source))
 
 
@@ -428,81 +421,56 @@ def _is_flir(source: Path) -> bool:
     return source.suffix.lower() in import_flir.SUFFIXES
 
 
-def _frame_times(options: ImportOptions) -> dict[str, Any]:
-    """The options of a reader of frames that give their times."""
-    zone, offset_ns = _zone(options), _offset_ns(options)
-    return {**attributes(options, "times", "time_format"), "zone": zone, "offset_ns": offset_ns}
-
-
-def _flir(source: Path, options: ImportOptions) -> ImportedRecording:
-    return import_flir.read_flir(source, options.name or "camera", **_frame_times(options))
-
-
 def _is_stills(source: Path) -> bool:
     return source.is_dir() or source.suffix.lower() in stills.SUFFIXES or is_frame_table(source)
-
-
-def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
-    if options.kelvin_per_count is None and options.kelvin_at_zero:
-        place, fix = Argument("kelvin_at_zero"), "add " + Argument("kelvin_per_count")
-        raise ConfigError("has no effect alone", place=place, fix=fix)
-    name, scale = options.name or "camera", _scale(options)
-    return stills.read_stills(source, scale, name=name, unit=options.unit, **_frame_times(options))
-
-
-def _scale(options: ImportOptions) -> stills.Scale | None:
-    per_count = options.kelvin_per_count
-    return None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
-
-
-def _station(source: Path, options: ImportOptions) -> ImportedRecording:
-    return read_station(source, options.name or "station")
 
 
 def _is_jma(source: Path) -> bool:
     return jma.is_radiation_table(source) or jma.is_obsdl(source)
 
 
-def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
-    name, is_radiation = options.name or "station", jma.is_radiation_table(source)
-    if options.date is not None and not is_radiation and jma.is_of_one_day(source):
-        of_day = LogOptions(zone=jma.JST, date=f"{options.date}", encoding=jma.encoding_of(source))
+def _jma(source: Path, name: str = "station", date: date | str | None = None) -> ImportedRecording:
+    is_radiation = jma.is_radiation_table(source)
+    if date is not None and not is_radiation and jma.is_of_one_day(source):
+        of_day = LogOptions(zone=jma.JST, date=f"{date}", encoding=jma.encoding_of(source))
         return read_log(source, name, of_day)
-    _refuse_unused(source, options, {"date"}, "a file with dates")
+    _refuse_unused(source, ImportOptions(date=date), {"date"}, "a file with dates")
     return (jma.read_radiation_table if is_radiation else jma.read_obsdl)(source, name)
-
-
-def _bag(source: Path, options: ImportOptions) -> ImportedRecording:
-    name, scale, offset_ns = options.name or "", _scale(options), _offset_ns(options)
-    return read_bag(source, BagOptions(name, options.columns, options.unit, scale, offset_ns))
-
-
-def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
-    return read_purethermal(source, options.name or "camera", offset_ns=_offset_ns(options))
 
 
 def _is_table(source: Path) -> bool:
     return Path(source.name.lower().removesuffix(".gz")).suffix in TABLES
 
 
-def _table(source: Path, options: ImportOptions) -> ImportedRecording:
-    log_options = LogOptions(
-        zone=_zone(options),
-        offset_ns=0 if options.offset_s == AUTO else _offset_ns(options),
-        **attributes(options, "sheet", *(_TABLE - {"zone", "offset_s"})),
-    )
-    return read_log(source, options.name or "logger", log_options)
+def _table(source: Path, name: str = "logger", **facts: Any) -> ImportedRecording:
+    return read_log(source, name, LogOptions(**facts))
 
 
-def _offset_ns(options: ImportOptions) -> int:
-    """The offset of frames, which cannot be found from a session's streams."""
-    if options.offset_s == AUTO:
-        raise ConfigError("auto aligns readings, not frames", place=_OFFSET, fix=Argument("offset_s", 83))
-    return round((options.offset_s or 0.0) * 1e9)
+def _facts(options: ImportOptions, uses: AbstractSet[str]) -> dict[str, Any]:
+    """The options that a format uses, as its reader takes them: nanoseconds, a scale, a zone with its rules.
+
+    Raises `ConfigError` for an offset of frames that is to be found from a session's streams.
+    """
+    facts = attributes(options, *(uses - _CONVERTED)) | ({"name": options.name} if options.name else {})
+    if "zone" in uses and options.zone:
+        facts["zone"] = ZoneInfo(options.zone)
+    if "offset_s" in uses and options.offset_s:
+        if options.offset_s != AUTO:
+            facts["offset_ns"] = round(options.offset_s * 1e9)
+        elif not uses >= _TABLE:
+            raise ConfigError("auto aligns readings, not frames", place=_OFFSET, fix=Argument("offset_s", 83))
+    if "kelvin_per_count" in uses:
+        facts["scale"] = _scale(options)
+    return facts
 
 
-def _zone(options: ImportOptions) -> ZoneInfo | None:
-    return ZoneInfo(options.zone) if options.zone else None
+def _scale(options: ImportOptions) -> stills.Scale | None:
+    if options.kelvin_per_count is not None:
+        return stills.Scale(options.kelvin_per_count, options.kelvin_at_zero)
+    if options.kelvin_at_zero:
+        place, fix = Argument("kelvin_at_zero"), "add " + Argument("kelvin_per_count")
+        raise ConfigError("has no effect alone", place=place, fix=fix)
+    return None
 
 
 class _Format(NamedTuple):
@@ -514,25 +482,26 @@ class _Format(NamedTuple):
 
     name: str
     fits: Callable[[Path], bool]
-    read: Callable[[Path, ImportOptions], ImportedRecording]
+    read: Callable[..., ImportedRecording]
     uses: frozenset[str] = frozenset()
     zone: str = ""
 
 
 _OF_ALL = {"name", "title", "site"}
+_CONVERTED = {"zone", "offset_s", "kelvin_per_count", "kelvin_at_zero"}
 _TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
 _FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
-_READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
-_TABLE = frozenset({*_READINGS, "time_format", "time_columns", "start", "date", "encoding"})
+_TABLE = _TIMES - {"times"} | {"unit", "columns", "keep", "measures", "time_columns", "start", "date"}
 _BAG = frozenset({"kelvin_per_count", "kelvin_at_zero", "unit", "columns", "offset_s"})
 _FORMATS = (
     _Format("a session", joined.is_session, _refuse_session, frozenset({"offset_s"})),
-    _Format("a FLIR recording", _is_flir, _flir, _TIMES, "UTC"),
-    _Format("a recording of ROS", is_bag, _bag, _BAG, "UTC"),
-    _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, _stills, _FRAMES, "UTC"),
-    _Format("a station's file", is_station_file, _station, zone="UTC"),
+    _Format("a FLIR recording", _is_flir, import_flir.read_flir, _TIMES, "UTC"),
+    _Format("a recording of ROS", is_bag, read_bag, _BAG, "UTC"),
+    _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, stills.read_stills, _FRAMES, "UTC"),
+    _Format("a station's file", is_station_file, read_station, zone="UTC"),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma, frozenset({"date"})),
-    _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"}), "UTC"),
-    _Format("a workbook, or a table of a program", is_container, _table, _TABLE - {"encoding"} | {"sheet"}),
-    _Format("a table", _is_table, _table, _TABLE),  # last: other formats have the same suffixes
+    _Format("a PureThermal recording", is_purethermal, read_purethermal, frozenset({"offset_s"}), "UTC"),
+    _Format("a workbook, or a table of a program", is_container, _table, _TABLE | {"sheet"}),
+    # last: other formats have the same suffixes
+    _Format("a table", _is_table, _table, _TABLE | {"encoding"}),
 )

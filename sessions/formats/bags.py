@@ -7,8 +7,8 @@ has one, else of its recording. Units are those of the message types, as their d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import astuple, dataclass, fields, is_dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import astuple, fields, is_dataclass
 from functools import partial
 from numbers import Real
 from pathlib import Path
@@ -42,9 +42,6 @@ _NO_NUMBERS = ("header", "stamp", "variance")
 _NO_METERS = ("Log", "CameraInfo", "Clock", "ParameterEvent")
 
 
-_info: Callable[..., StreamInfo] = partial(StreamInfo, driver="import")
-
-
 class _Message(NamedTuple):
     """A message: its topic, its type without the package, UTC nanoseconds, its fields."""
 
@@ -52,20 +49,6 @@ class _Message(NamedTuple):
     kind: str
     time_ns: int
     body: Any
-
-
-@dataclass(frozen=True, slots=True)
-class BagOptions:
-    """Beginning of the streams' names, topics to read (all by default), unit of numbers, scale of counts.
-
-    The unit is of images of temperatures, without one of the only topic of numbers that states none.
-    """
-
-    name: str = ""
-    topics: Collection[str] = ()
-    unit: str = ""
-    scale: stills.Scale | None = None
-    offset_ns: int = 0
 
 
 class _Topic(NamedTuple):
@@ -81,47 +64,64 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
-def read_bag(path: Path, options: BagOptions) -> ImportedRecording:
-    """The topics of a recording as streams; it is read twice, and never kept whole. Raises `ConfigError`."""
+def read_bag(
+    path: Path,
+    name: str = "",
+    *,
+    columns: Collection[str] = (),
+    unit: str = "",
+    scale: stills.Scale | None = None,
+    offset_ns: int = 0,
+) -> ImportedRecording:
+    """The topics of a recording as streams; it is read twice, and never kept whole.
+
+    `name` is the beginning of the streams' names, `columns` are the topics to read, by default all, `scale`
+    that of counts. The unit is of images of temperatures, without one of the only topic of numbers that
+    states none. Raises `ConfigError`.
+    """
+    read = partial(_messages, path, columns, offset_ns)
     first: dict[str, _Message] = {}
     stamps_ns: dict[str, list[int]] = {}
-    for message in _messages(path, options):
+    for message in read():
         first.setdefault(message.topic, message)
         stamps_ns.setdefault(message.topic, []).append(message.time_ns)
     has_images = any(message.kind == "Image" for message in first.values())
     unstated = [message.topic for message in first.values() if _is_number(message)]
-    if options.unit and not has_images and len(unstated) > 1:
-        problem = f"the unit {options.unit} would apply to {', '.join(unstated)}"
+    if unit and not has_images and len(unstated) > 1:
+        problem = f"the unit {unit} would apply to {', '.join(unstated)}"
         raise ConfigError(problem, place=path, fix=Argument("columns", unstated[0]))
-    topics, meter = {}, partial(_meter, has_images=has_images)
-    for name, message in first.items():
-        make = partial(_camera, f"{path}, {name}") if message.kind == "Image" else meter
-        if topic := make(message, options, usual_rate_hz(stamps_ns[name])):
-            topics[name] = topic
+    topics: dict[str, _Topic] = {}
+    for topic, message in first.items():
+        stream = "-".join(filter(None, (name, *topic.split("/"))))
+        info = partial(StreamInfo, stream, rate_hz=usual_rate_hz(stamps_ns[topic]), driver="import")
+        if message.kind == "Image" and message.body.encoding in _PIXELS:
+            topics[topic] = _camera(f"{path}, {topic}", message.body, info, unit, scale)
+        elif message.kind != "Image" and (names := _names(message)):
+            topics[topic] = _meter(message, names, info, "" if has_images else unit)
     others = ", ".join(sorted(first.keys() - topics))
     if not topics:
         problem = f"no topic of numbers, nor of images of 16 or 32 bits: {others or 'it is empty'}"
         raise ConfigError(problem, place=path, fix="record one, as sensor_msgs/Temperature or mono16")
     notes = ((Severity.WARNING, f"topics without numbers are excluded: {others}"),) if others else ()
-    samples = ReadAgain(partial(_samples, path, topics, options))
+    samples = ReadAgain(lambda: _samples(path, topics, read()))
     return ImportedRecording(tuple(topic.info for topic in topics.values()), samples, notes)
 
 
-def _messages(path: Path, options: BagOptions) -> Iterator[_Message]:
+def _messages(path: Path, topics: Collection[str], offset_ns: int) -> Iterator[_Message]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for connection, time_ns, data in reader.messages():
-                if options.topics and connection.topic not in options.topics:
+                if topics and connection.topic not in topics:
                     continue
                 body = reader.deserialize(data, connection.msgtype)
                 stamp = getattr(getattr(body, "header", None), "stamp", None)
                 if stamp and stamp.sec:
                     time_ns = stamp.sec * 10**9 + stamp.nanosec
                 kind = connection.msgtype.rsplit("/", 1)[-1]
-                yield _Message(connection.topic, kind, plausible_ns(time_ns + options.offset_ns), body)
+                yield _Message(connection.topic, kind, plausible_ns(time_ns + offset_ns), body)
     except FieldkitError:
         raise
     except ImportError as error:
@@ -137,22 +137,21 @@ def _is_number(message: _Message) -> bool:
     return isinstance(getattr(message.body, "data", None), Real)
 
 
-def _stream(message: _Message, options: BagOptions) -> str:
-    return "-".join(filter(None, (options.name, *message.topic.split("/"))))
+def _names(message: _Message) -> tuple[str, ...]:
+    """The fields of a message that are numbers: the one with a unit, or all."""
+    if message.kind in _FIELDS:
+        return (_FIELDS[message.kind][0],)
+    return () if message.kind in _NO_METERS else tuple(_numbers(message.body))
 
 
-def _meter(message: _Message, options: BagOptions, rate_hz: float, *, has_images: bool) -> _Topic | None:
+def _meter(message: _Message, names: tuple[str, ...], info: Callable[..., StreamInfo], unit: str) -> _Topic:
+    """The topic of a meter; `unit` is that of a number without a unit of its own."""
     *_, last = message.topic.split("/")
-    field, written = _FIELDS.get(message.kind, ("", ""))
-    if _is_number(message) and not has_images:
-        written = options.unit
-    names = (field,) if field else () if message.kind in _NO_METERS else tuple(_numbers(message.body))
-    quantity, unit = meaning_of(written, last) or unknown_meaning(written)
+    _, written = _FIELDS.get(message.kind, ("", unit if _is_number(message) else ""))
+    quantity, meant = meaning_of(written, last) or unknown_meaning(written)
     component = component_named(last) if quantity.units == POWER else ""
     about = {"channels": (last,) if len(names) == 1 else names, "measures": (component,) if component else ()}
-    name, stored = _stream(message, options), quantity.units.stored
-    info = _info(name, quantity.name, stored, (len(names),), rate_hz=rate_hz, **about)
-    return _Topic(info, names, unit) if names else None
+    return _Topic(info(quantity.name, quantity.units.stored, (len(names),), **about), names, meant)
 
 
 def _numbers(body: Any, before: str = "") -> dict[str, float]:
@@ -167,28 +166,26 @@ def _numbers(body: Any, before: str = "") -> dict[str, float]:
     return numbers
 
 
-def _camera(place: str, message: _Message, options: BagOptions, rate_hz: float) -> _Topic | None:
-    image = message.body
-    if image.encoding not in _PIXELS:
-        return None
+def _camera(
+    place: str, image: Any, info: Callable[..., StreamInfo], unit: str, scale: stills.Scale | None
+) -> _Topic:
     is_kelvin = image.encoding == "32FC1"
-    unit = stills.temperature_unit(options.unit) if is_kelvin else None
-    if is_kelvin and unit is None:
+    meant = stills.temperature_unit(unit) if is_kelvin else None
+    if is_kelvin and meant is None:
         fix = Argument("unit", "K") + ", or C, F"
         raise ConfigError("its temperatures state no unit", place=place, fix=fix)
-    scale = stills.Scale(0.01) if is_kelvin else options.scale
+    scale = stills.Scale(0.01) if is_kelvin else scale
     if scale is None:
         fix = Argument("kelvin_per_count", 0.01) + "; NaN (none) for frames only"
         raise ConfigError("what one count means is not known", place=place, fix=fix)
     settings = {NO_VALUE: stills.NO_VALUE} if is_kelvin else {}
-    name, shape, kelvin = _stream(message, options), (image.height, image.width), astuple(scale)
-    info = _info(name, "brightness_temperature", "K", shape, *kelvin, rate_hz=rate_hz, settings=settings)
-    return _Topic(info, (), unit)
+    shape = (image.height, image.width)
+    return _Topic(info("brightness_temperature", "K", shape, *astuple(scale), settings=settings), (), meant)
 
 
-def _samples(path: Path, topics: Mapping[str, _Topic], options: BagOptions) -> Iterator[Sample]:
+def _samples(path: Path, topics: Mapping[str, _Topic], messages: Iterable[_Message]) -> Iterator[Sample]:
     empty, bounds = np.empty((0, 0), np.uint16), {name: bounds_of(of.info) for name, of in topics.items()}
-    for name, _, at_ns, body in _messages(path, options):
+    for name, _, at_ns, body in messages:
         if (topic := topics.get(name)) is None:
             continue
         info, names, unit = topic
@@ -209,7 +206,6 @@ def _counts(place: str, topic: _Topic, image: Any) -> CountArray:
         rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)
         pixels: AnyArray = rows[:, : image.width * numbers.itemsize].copy().view(numbers)
     except ValueError as error:
-        raise ConfigError(
-            "an image is cut short", place=place, fix="record it again: it is not whole"
-        ) from error
+        fix = "record it again: it is not whole"
+        raise ConfigError("an image is cut short", place=place, fix=fix) from error
     return stills.counts_of(pixels, (1.0, 0.0), topic.unit) if topic.unit else pixels.astype(np.uint16)

@@ -23,7 +23,7 @@ from fieldkit.model.errors import ConfigError, FieldkitError, message_of
 from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Argument
 from fieldkit.native_code import quiet
-from fieldkit.sessions.formats.imported import refuse_bomb
+from fieldkit.sessions.formats.imported import refuse_bomb, refuse_large
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -66,10 +66,7 @@ def read_contents(path: Path, sheet: str = "") -> Contents:
     read = _reader_of(path)
     assert read is not None
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigError(
-                f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the file into parts"
-            )
+        refuse_large(path, _MOST_BYTES)
         if zipfile.is_zipfile(path):
             refuse_bomb(path, sum(part.file_size for part in zipfile.ZipFile(path).infolist()))
         with quiet():

@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
+from fieldkit.sessions.formats.imported import refuse_large
 
 SUFFIXES = (".csv", ".txt", ".asc")
 _LEAST = 8
@@ -29,10 +30,7 @@ def is_frame_table(path: Path) -> bool:
 
 def read_frame_tables(path: Path) -> list[FloatArray]:
     """The frames of a file, (rows, cols), one behind the other; raises `ConfigError`."""
-    if path.stat().st_size > _MOST_BYTES:
-        raise ConfigError(
-            f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the table into parts"
-        )
+    refuse_large(path, _MOST_BYTES)
     frames = list(_frames(path.read_text("utf-8-sig", "replace").splitlines()))
     if len({frame.shape for frame in frames}) > 1:
         rows, cols = frames[-1].shape

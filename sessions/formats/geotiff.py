@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,12 +75,10 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
     grid = Grid(math.degrees(math.atan2(*on_grid[:, 1])), float(np.sqrt(scales.prod())))
     most = float(max(scales - 1.0, key=abs))
     if abs(most) > MOST_STRETCHED:
-        raise ConfigError(
-            f"stretches distances at {east_m:.10g}, {north_m:.10g} by up to {most:+.1%} "
-            f"({grid}); {MOST_STRETCHED:.0%} can be corrected",
-            place=str(crs),
-            fix=f"use a projection made for the site, on the Earth {_utm(longitude, latitude)}",
-        )
+        stretched = f"stretches distances at {east_m:.10g}, {north_m:.10g} by up to {most:+.1%}"
+        problem = f"{stretched} ({grid}); {MOST_STRETCHED:.0%} can be corrected"
+        fix = f"use a projection made for the site, on the Earth {_utm(longitude, latitude)}"
+        raise ConfigError(problem, place=str(crs), fix=fix)
     return grid
 
 
@@ -87,12 +86,10 @@ def require_near(site: Site, crs: CRS, east_m: float, north_m: float) -> None:
     """Raise `ConfigError` for a place further than `MOST_AWAY_M` from the site."""
     (longitude,), (latitude,) = _transform(crs, _geographic(crs), [east_m], [north_m])
     if apart_m(site, replace(site, latitude_deg=latitude, longitude_deg=longitude)) > MOST_AWAY_M:
-        raise ConfigError(
-            f"lies at latitude {latitude:.4f}, longitude {longitude:.4f}, the site at "
-            f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}",
-            place="the camera's pose",
-            fix="correct crs, east_m and north_m of the pose, or the place under [site]",
-        )
+        at_site = f"the site at {site.latitude_deg:.4f}, {site.longitude_deg:.4f}"
+        problem = f"lies at latitude {latitude:.4f}, longitude {longitude:.4f}, {at_site}"
+        fix = "correct crs, east_m and north_m of the pose, or the place under [site]"
+        raise ConfigError(problem, place="the camera's pose", fix=fix)
 
 
 def _geographic(crs: CRS) -> CRS:
@@ -120,11 +117,8 @@ def _transform(
     except Exception:  # GDAL's errors have no public class
         points = np.full((2, len(x)), np.nan)
     if not np.isfinite(points).all():
-        raise ConfigError(
-            f"lies outside {source}",
-            place=f"{x[0]:.10g}, {y[0]:.10g}",
-            fix="correct east_m and north_m, or crs",
-        )
+        place, fix = f"{x[0]:.10g}, {y[0]:.10g}", "correct east_m and north_m, or crs"
+        raise ConfigError(f"lies outside {source}", place=place, fix=fix)
     return points[0], points[1]
 
 
@@ -161,17 +155,12 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
         problem, fix = f"cannot read the DEM: {error}", "name a GeoTIFF of heights"
         raise ConfigError(problem, place=path, fix=fix) from error
     if _horizontal(crs_of_file) != _horizontal(crs):
-        raise ConfigError(
-            f"in {crs_of_file or 'no reference system'}, the pose in {crs}",
-            place=path,
-            fix=f"transform it: gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
-        )
+        problem = f"in {crs_of_file or 'no reference system'}, the pose in {crs}"
+        fix = f"transform it: gdalwarp -t_srs {crs} -r bilinear {path} dem.tif"
+        raise ConfigError(problem, place=path, fix=fix)
     if place.b or place.d or place.e >= 0.0 or not math.isclose(place.a, -place.e, rel_tol=1e-6):
-        raise ConfigError(
-            "no square cells with north up",
-            place=path,
-            fix="resample it to larger cells: gdalwarp -tr 0.5 0.5 IN.tif OUT.tif",
-        )
+        fix = "resample it to larger cells: gdalwarp -tr 0.5 0.5 IN.tif OUT.tif"
+        raise ConfigError("no square cells with north up", place=path, fix=fix)
     upwards = -1.0 if ",DOWN]" in crs_of_file.to_wkt() else 1.0  # a system of depths
     heights = upwards * (band * gain + offset) * _metres_per_unit(path, unit)
     _refuse_no_heights(path, heights, band)
@@ -191,11 +180,8 @@ def _metres_per_unit(path: Path, unit: str | None) -> float:
     if not unit:
         return 1.0
     if (metres := UNITS_M.get(re.sub("[^a-z]", "", unit.lower()))) is None:
-        raise ConfigError(
-            f"heights in {unit!r}, a unit that is not known",
-            place=path,
-            fix=f"set it to m, ft or US survey foot: rio edit-info --bidx 1 --units m {path}",
-        )
+        fix = f"set it to m, ft or US survey foot: rio edit-info --bidx 1 --units m {path}"
+        raise ConfigError(f"heights in {unit!r}, a unit that is not known", place=path, fix=fix)
     return metres
 
 
@@ -203,12 +189,10 @@ def _refuse_no_heights(path: Path, heights_m: FloatArray, band: FloatArray) -> N
     """Raise `ConfigError` for a marker of missing heights that the file does not declare."""
     is_marker = np.isin(band, MARKERS) | (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
     if is_marker.any():
-        marker = band[is_marker][0]
-        raise ConfigError(
-            f"holds {marker:.17g}, which is no height, and does not declare it as missing",
-            place=path,
-            fix=f"declare it: rio edit-info --nodata {marker:.17g} {path}, or correct scale, offset and unit",
-        )
+        marker = f"{band[is_marker][0]:.17g}"
+        fix = f"declare it: rio edit-info --nodata {marker} {path}, or correct scale, offset and unit"
+        problem = f"holds {marker}, which is no height, and does not declare it as missing"
+        raise ConfigError(problem, place=path, fix=fix)
 
 
 def write_layers(
@@ -232,7 +216,5 @@ def write_layers(
 
 
 def _needs_rasterio() -> None:
-    try:
-        import rasterio  # noqa: F401
-    except ImportError as error:
-        raise ConfigError("GeoTIFF needs rasterio", fix=install_extra("terrain")) from error
+    if find_spec("rasterio") is None:
+        raise ConfigError("GeoTIFF needs rasterio", fix=install_extra("terrain"))

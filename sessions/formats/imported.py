@@ -66,6 +66,10 @@ class ImportedRecording:
     notes: tuple[tuple[Severity, str], ...] = ()
     site: Site | None = None
 
+    def noted(self, text: str, severity: Severity = Severity.WARNING) -> ImportedRecording:
+        """The recording with one more note."""
+        return replace(self, notes=(*self.notes, (severity, text)))
+
 
 def imported_reading(stream: str, time_ns: int, values: tuple[float, ...], **more: Any) -> Reading:
     """A reading of a table or file, by which every importer makes its readings.
@@ -217,6 +221,13 @@ def flag_bunched(
         return ReadAgain(flag), ()
     text = f"{int(late.sum())} of {late.size} frames came in bunches: stamps of arrival, flagged interpolated"
     return ReadAgain(flag), ((Severity.WARNING, text),)
+
+
+def refuse_large(path: Path, most_bytes: int) -> None:
+    """Raise `ConfigError` for a file that is larger than any of its kind, `OSError` where there is none."""
+    if path.stat().st_size > most_bytes:
+        fix = "split the file into parts"
+        raise ConfigError(f"larger than {most_bytes // 10**6} MB", place=path, fix=fix)
 
 
 _ALWAYS_BYTES, _MOST_TIMES = 100_000_000, 100  # the noise of a sensor packs to a third or so

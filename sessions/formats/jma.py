@@ -22,7 +22,8 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, station_stream
+from fieldkit.sessions.formats import imported
+from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, refuse_large
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -141,7 +142,7 @@ def _recording(
     for quantity in dict.fromkeys(item.kind.quantity for item in items):
         ours = [item for item in items if item.kind.quantity == quantity]
         labels = [item.label for item in ours]
-        info = station_stream(name, quantity, 1.0 / step.total_seconds(), labels, vendor=VENDOR)
+        info = imported.station_stream(name, quantity, 1.0 / step.total_seconds(), labels, vendor=VENDOR)
         streams.append(info)
         for stamp, row in body:
             time_ns = utc_ns(stamp + _to_middle(ours[0].kind, step))
@@ -278,7 +279,7 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
     if match is None:
         raise _not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
     quantity = QUANTITIES[_COMPONENTS[match[1].upper()]]
-    info = station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {match[4]}")
+    info = imported.station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {match[4]}")
     try:
         first = datetime(int(match[2]), int(match[3]), 1, tzinfo=JST)
         days = [day for line in _text(path).splitlines() if (day := _day(path, line)) is not None]
@@ -324,10 +325,7 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
 def _text(path: Path) -> str:
     """The text of such a file; raises `ConfigError`."""
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise ConfigError(
-                f"larger than {_MOST_BYTES // 10**6} MB", place=path, fix="split the table into parts"
-            )
+        refuse_large(path, _MOST_BYTES)
         return path.read_bytes().decode(encoding_of(path))
     except (OSError, UnicodeDecodeError) as error:
         raise _not_understood(path, str(error)) from error

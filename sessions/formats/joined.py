@@ -22,16 +22,9 @@ from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Sample, Severity, is_damaged
 from fieldkit.model.site import Region, apart_m
+from fieldkit.sessions.formats import merged
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, free_name
-from fieldkit.sessions.formats.merged import (
-    GIVE_OFFSET,
-    Alignment,
-    TimeSeries,
-    best_offset,
-    bins,
-    stream_series,
-    write_together,
-)
+from fieldkit.sessions.formats.merged import Alignment, TimeSeries
 from fieldkit.sessions.layout import FORMAT_NAME
 from fieldkit.sessions.reader import SessionReader, attribute
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
@@ -159,7 +152,7 @@ def join(
     notes += [Event(EventKind.IMPORTED, 0, 0, note, "", severity) for severity, note in others]
     entries = (*_own_entries(own), *_their_entries(their, session, clock))
     start_ns = min(session.start_ns, other.start_ns + clock.offset_ns)
-    return write_together(session, header, entries, recording.samples, path, notes, start_ns)
+    return merged.write_together(session, header, entries, recording.samples, path, notes, start_ns)
 
 
 def _own_entries(part: _Part) -> Iterator[Entry]:
@@ -191,7 +184,7 @@ def _their_entries(part: _Part, session: SessionReader, clock: Alignment) -> Ite
 
 def clock_difference(session: SessionReader, other: SessionReader) -> Alignment:
     """The offset of the clock of `other`, by what both saw; raises `NoAnswerError` where that gives none."""
-    fix = GIVE_OFFSET + ', or mark "sync" on both at one moment'
+    fix = merged.GIVE_OFFSET + ', or mark "sync" on both at one moment'
     alignments = [*_by_readings(session, other), *_by_marks(session, other)]
     if not alignments:
         what = f"nothing that {session.path.name} saw as well gives the offset of its clock"
@@ -208,11 +201,11 @@ def _by_readings(session: SessionReader, other: SessionReader) -> Iterator[Align
     for own, their in product(session.streams.values(), other.streams.values()):
         if _see_the_same(own, their) and session.count(own.name) and other.count(their.name):
             series = (
-                _quick(stream_series(reader, info.name, session.start_ns))
+                _quick(merged.stream_series(reader, info.name, session.start_ns))
                 for reader, info in ((other, their), (session, own))
             )
             with suppress(NoAnswerError):
-                yield replace(best_offset(*series), source=f"by {own.name} and {their.name}")
+                yield replace(merged.best_offset(*series), source=f"by {own.name} and {their.name}")
 
 
 def _see_the_same(own: StreamInfo, their: StreamInfo) -> bool:
@@ -224,9 +217,9 @@ def _see_the_same(own: StreamInfo, their: StreamInfo) -> bool:
 
 def _quick(series: TimeSeries) -> TimeSeries:
     """The series without its slow changes."""
-    middles, means = bins(series, SLOW_S)
-    has_value = np.isfinite(means)
-    slow = np.interp(series.time_s, middles[has_value], means[has_value])
+    means = merged.binned(series, SLOW_S)
+    has_value = np.isfinite(means.value)
+    slow = np.interp(series.time_s, means.time_s[has_value], means.value[has_value])
     return replace(series, value=series.value - slow)
 
 

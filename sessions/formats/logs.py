@@ -553,11 +553,9 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
     for cell, head in cells:
         has_comma = _WITH_COMMA.fullmatch(cell) and not tables.BY_COMMAS.fullmatch(cell)
         if _ANY_POINT.fullmatch(cell) if may_be_points else has_comma:
-            raise ConfigError(
-                f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals",
-                place=f"{path}, column {head!r}",
-                fix="export it with commas between the columns, points as decimals, no marks of thousands",
-            )
+            problem = f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals"
+            fix = "export it with commas between the columns, points as decimals, no marks of thousands"
+            raise ConfigError(problem, place=f"{path}, column {head!r}", fix=fix)
 
 
 def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel]) -> None:

@@ -42,8 +42,8 @@ def cut_session(session: SessionReader, imported: ImportedRecording) -> Imported
     part = ReadAgain(within)
     if not (excluded := sum(1 for _ in imported.samples) - sum(1 for _ in part)):
         return imported
-    note = f"{excluded} samples from before or after the session were excluded"
-    return replace(imported, samples=part, notes=(*imported.notes, (Severity.INFO, note)))
+    text = f"{excluded} samples from before or after the session were excluded"
+    return replace(imported, samples=part).noted(text, Severity.INFO)
 
 
 def merge(session: SessionReader, imported: ImportedRecording, path: Path, source: str) -> SealReport:
@@ -54,16 +54,12 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     """
     session.require_finished()
     if common := {info.name for info in imported.streams} & set(session.streams):
-        raise ConfigError(
-            f"a stream {common.pop()!r} already", place=session.path, fix="give another " + Argument("name")
-        )
+        problem, fix = f"a stream {common.pop()!r} already", "give another " + Argument("name")
+        raise ConfigError(problem, place=session.path, fix=fix)
     time_ns = [sample.time_ns for sample in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
-        raise ConfigError(
-            f"and {session.path} do not overlap in time",
-            place=source,
-            fix="check " + Argument("zone") + " and " + Argument("offset_s") + " of the logger",
-        )
+        fix = "check " + Argument("zone") + " and " + Argument("offset_s") + " of the logger"
+        raise ConfigError(f"and {session.path} do not overlap in time", place=source, fix=fix)
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
     began_ns = session.identity.start_ns
     # the regions drawn before the start are in the header
@@ -137,10 +133,10 @@ def align(session: SessionReader, imported: ImportedRecording) -> ImportedRecord
         reading._replace(time_ns=reading.time_ns + shift_ns, mono_ns=reading.mono_ns + shift_ns)
         for reading in readings
     ]
-    notes = [*imported.notes, (Severity.INFO, str(alignment))]
-    if abs(alignment.offset_s) > _ZONE_S:
-        notes.append((Severity.WARNING, "too much for a clock's drift: check its zone and summer time"))
-    return ImportedRecording(imported.streams, shifted, tuple(notes), imported.site)
+    aligned = replace(imported, samples=shifted).noted(str(alignment), Severity.INFO)
+    is_drift = abs(alignment.offset_s) <= _ZONE_S
+    text = "too much for a clock's drift: check its zone and summer time"
+    return aligned if is_drift else aligned.noted(text)
 
 
 def _best_alignment(
@@ -161,12 +157,8 @@ def _best_alignment(
                 why = f"{name}: {error.message}"
     if not alignments:
         quantities = " or ".join(info.quantity for info in streams)
-        reason = why or f"it has no time series of {quantities}"
-        raise NoAnswerError(
-            f"does not determine the log's offset: {reason}",
-            place=session.path,
-            fix=GIVE_OFFSET,
-        )
+        problem = f"does not determine the log's offset: {why or f'it has no time series of {quantities}'}"
+        raise NoAnswerError(problem, place=session.path, fix=GIVE_OFFSET)
     return min(alignments, key=lambda alignment: alignment.uncertainty_s)
 
 
@@ -265,15 +257,14 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
     first, last = _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse
     offsets = coarse * np.arange(first, last + 1)
-    fits = _fits(log, *bins(reference, coarse), offsets, coarse)
-    grid, y = bins(reference, finest)
-    tops = [_top(log, grid, y, float(offsets[place]), coarse, finest) for place in _peaks(fits)]
+    peaks = _peaks(_fits(log, binned(reference, coarse), offsets, coarse))
+    means = binned(reference, finest)
+    tops = [_top(log, means, float(offsets[place]), coarse, finest) for place in peaks]
     offset, fit = _distinct(sorted(tops, key=lambda top: -top[1]), _REACH * coarse)
-    uncertainty = 2.0 * max(_standard_deviation(log, grid, y, offset, coarse, finest), finest * _OF_A_STEP)
+    uncertainty = 2.0 * max(_standard_deviation(log, means, offset, coarse, finest), finest * _OF_A_STEP)
     if uncertainty > _MOST_UNCERTAIN_S:
-        raise NoAnswerError(
-            f"the offset is not distinct: {offset:+.0f} s fits best, to {uncertainty:.0f} s only", fix=_FIX
-        )
+        best = f"{offset:+.0f} s fits best, to {uncertainty:.0f} s only"
+        raise NoAnswerError(f"the offset is not distinct: {best}", fix=_FIX)
     return Alignment(offset, uncertainty, float(np.sqrt(fit)))
 
 
@@ -294,24 +285,20 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
 
     Tops within `reach` of it are the same hill's.
     """
-    if not tops or tops[0][1] < _LEAST_FIT:
-        raise NoAnswerError(
-            f"the two time series match nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
-            fix="check that they are of the same thing, or give " + Argument("offset_s", 12),
-        )
-    left_over = max(1 - tops[0][1], _LEFT_OVER)
+    best, best_fit = tops[0] if tops else (0.0, 0.0)
+    if best_fit < _LEAST_FIT:
+        problem = f"the two time series match nowhere: at best {best_fit:.0%} of the variance"
+        fix = "check that they are of the same thing, or give " + Argument("offset_s", 12)
+        raise NoAnswerError(problem, fix=fix)
+    left_over = max(1 - best_fit, _LEFT_OVER)
     for offset, fit in tops[1:]:
-        if abs(offset - tops[0][0]) > reach and 1 - fit < _DISTINCT * left_over:
-            raise NoAnswerError(
-                f"the offset is not distinct: {tops[0][0]:+.0f} s fits, and {offset:+.0f} s does as well",
-                fix=_FIX,
-            )
+        if abs(offset - best) > reach and 1 - fit < _DISTINCT * left_over:
+            both = f"{best:+.0f} s fits, and {offset:+.0f} s does as well"
+            raise NoAnswerError(f"the offset is not distinct: {both}", fix=_FIX)
     return tops[0]
 
 
-def _top(
-    log: TimeSeries, grid: FloatArray, y: FloatArray, near: float, coarse: float, step: float
-) -> tuple[float, float]:
+def _top(log: TimeSeries, means: TimeSeries, near: float, coarse: float, step: float) -> tuple[float, float]:
     """Offset and fit at the top around a coarse one: of a parabola through the upper third of the hill.
 
     Single fits go up and down with the noise of the few readings between which a series is interpolated.
@@ -319,7 +306,7 @@ def _top(
     reach = _REACH * coarse
     for _ in range(2):
         offsets = near + np.linspace(-reach, reach, _FINE_OFFSETS)
-        fits = _fits(log, grid, y, offsets, step)
+        fits = _fits(log, means, offsets, step)
         upper = fits >= fits.max() - np.ptp(fits) / 3
         near = float(offsets[upper].mean())
         reach = max(float(np.ptp(offsets[upper])), 2.0 * float(offsets[1] - offsets[0]))
@@ -329,21 +316,22 @@ def _top(
 
 
 def _standard_deviation(
-    log: TimeSeries, grid: FloatArray, y: FloatArray, offset: float, coarse: float, step: float
+    log: TimeSeries, means: TimeSeries, offset: float, coarse: float, step: float
 ) -> float:
     """Standard error of the offset by a delete-one-block jackknife over the series, seconds."""
     offsets = []
-    for block in np.array_split(np.arange(grid.size), _BLOCKS):
-        without = y.copy()
+    for block in np.array_split(np.arange(means.value.size), _BLOCKS):
+        without = means.value.copy()
         without[block] = np.nan
-        offsets.append(_top(log, grid, without, offset, coarse, step)[0])
+        offsets.append(_top(log, replace(means, value=without), offset, coarse, step)[0])
     return float(np.sqrt((_BLOCKS - 1) * np.var(offsets)))
 
 
-def _fits(log: TimeSeries, grid: FloatArray, y: FloatArray, offsets: FloatArray, step: float) -> FloatArray:
+def _fits(log: TimeSeries, means: TimeSeries, offsets: FloatArray, step: float) -> FloatArray:
     """Share of the reference's variance that the log explains at each offset; 0 where it cannot."""
-    least = max(_LEAST_POINTS // 2, int(0.5 * min(np.isfinite(y).sum(), np.ptp(log.time_s) / step)))
-    return np.array([_fit(_shift(log, grid, float(offset), step), y, least) for offset in offsets])
+    least = max(_LEAST_POINTS // 2, int(0.5 * min(np.isfinite(means.value).sum(), np.ptp(log.time_s) / step)))
+    shifted = (_shift(log, means.time_s, float(offset), step) for offset in offsets)
+    return np.array([_fit(x, means.value, least) for x in shifted])
 
 
 def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
@@ -356,14 +344,15 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
     return max(correlation, 0.0) ** 2
 
 
-def bins(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
-    """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
+def binned(series: TimeSeries, step: float) -> TimeSeries:
+    """The means of bins of `step` seconds at their middles, NaN where nothing was measured."""
     place = np.floor((series.time_s - series.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
     with np.errstate(invalid="ignore"):
         means = np.bincount(place, series.value) / counts
     middles = np.bincount(place, series.time_s) / np.maximum(counts, 1)
-    return np.where(counts > 0, middles, series.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
+    empty = series.time_s[0] + (np.arange(counts.size) + 0.5) * step
+    return TimeSeries(np.where(counts > 0, middles, empty), means)
 
 
 def _shift(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:

@@ -86,11 +86,8 @@ def _frames(path: Path, name: str, offset_ns: int) -> Iterator[Frame]:
                 raise EOFError
             number, seconds, milliseconds = _RECORD.unpack(record)
             if not 0.0 <= seconds < _LATEST_S or number > _MAX_NUMBER:
-                raise ConfigError(
-                    f"was taken at {seconds:g} s after 1970: the file is damaged",
-                    place=f"frame {number}",
-                    fix="copy it from the recorder again",
-                )
+                problem = f"was taken at {seconds:g} s after 1970: the file is damaged"
+                raise ConfigError(problem, place=f"frame {number}", fix="copy it from the recorder again")
             time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)
             counts = np.frombuffer(data, "<u2").reshape(shape)
             refuse_bomb(path, file.tell())
@@ -110,8 +107,6 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
             raise ValueError(f"{rate_hz} frames a second")
         return shape, rate_hz
     except _UNREADABLE as error:
-        raise ConfigError(
-            f"not a recording of the PureThermal Y16 recorder: {message_of(error)}",
-            place=path,
-            fix="import a .raw.y16.gz, a folder of 16-bit TIFF, or tables (CSV)",
-        ) from error
+        problem = f"not a recording of the PureThermal Y16 recorder: {message_of(error)}"
+        fix = "import a .raw.y16.gz, a folder of 16-bit TIFF, or tables (CSV)"
+        raise ConfigError(problem, place=path, fix=fix) from error

@@ -8,12 +8,8 @@ import numpy as np
 
 from fieldkit.model.quantities import QUANTITIES
 from fieldkit.model.samples import Severity
-from fieldkit.sessions.formats.imported import (
-    ImportedRecording,
-    imported_reading,
-    station_stream,
-    usual_rate_hz,
-)
+from fieldkit.sessions.formats import imported
+from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.weather import half_step_ns, read_station_file
 
 _COLUMNS = {
@@ -28,19 +24,20 @@ _COLUMNS = {
 }
 
 
-def read_station(path: Path, name: str) -> ImportedRecording:
+def read_station(path: Path, name: str = "station") -> ImportedRecording:
     """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of means.
 
     A quantity that was never measured gives no stream. Raises `ConfigError`.
     """
     weather = read_station_file(path)
     measured = {key: values for key in _COLUMNS if np.isfinite(values := getattr(weather, key)).any()}
-    rate_hz = usual_rate_hz(weather.time_ns)
+    rate_hz = imported.usual_rate_hz(weather.time_ns)
     streams = tuple(
-        station_stream(name, QUANTITIES[_COLUMNS[key]], rate_hz, model=weather.source) for key in measured
+        imported.station_stream(name, QUANTITIES[_COLUMNS[key]], rate_hz, model=weather.source)
+        for key in measured
     )
     readings = [
-        imported_reading(info.name, int(stamp), (float(value),))
+        imported.imported_reading(info.name, int(stamp), (float(value),))
         for stamp, *row in zip(weather.time_ns, *measured.values(), strict=True)
         for info, value in zip(streams, row, strict=True)
     ]

@@ -153,11 +153,8 @@ def read_stills(
     or times are unknown, or a file cannot be read.
     """
     if not (paths := image_files(source)):
-        raise ConfigError(
-            "no frames with temperatures",
-            place=source,
-            fix="name the folder that has the .tif, .tiff, .irg or .png files, or FLIR's .jpg, .fff or .seq",
-        )
+        fix = "name the folder that has the .tif, .tiff, .irg or .png files, or FLIR's .jpg, .fff or .seq"
+        raise ConfigError("no frames with temperatures", place=source, fix=fix)
     kind = _kind(paths)
     if kind in ("IRG", "PNG") and unit:
         raise _no_unit(source)
@@ -202,9 +199,8 @@ def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
         with path.open("rb") as file:
             head = file.read(26)
         if not head.startswith(_PNG_MAGIC) or len(head) < 26:
-            raise ConfigError(
-                "cannot be read as a frame: it does not begin as a PNG", place=path, fix=_EXPORT_AGAIN
-            )
+            problem = "cannot be read as a frame: it does not begin as a PNG"
+            raise ConfigError(problem, place=path, fix=_EXPORT_AGAIN)
         width, height, *kind = _PNG_HEAD.unpack_from(head, 16)
         if tuple(kind) != _GREY_16:
             raise ConfigError("not one 16-bit number per pixel", place=path, fix=_NOT_COLOURED)
@@ -261,9 +257,8 @@ def _pages(path: Path) -> list[Page]:
     try:
         pages = read_pages(path)
     except (OSError, ValueError) as error:
-        raise ConfigError(
-            f"cannot be read as a frame: {message_of(error)}", place=path, fix=_EXPORT_AGAIN
-        ) from error
+        problem = f"cannot be read as a frame: {message_of(error)}"
+        raise ConfigError(problem, place=path, fix=_EXPORT_AGAIN) from error
     if not any(page.is_frame for page in pages):
         raise ConfigError(f"none of {len(pages)} pages is a frame", place=path, fix=_EXPORT_AGAIN)
     return pages
@@ -315,10 +310,9 @@ def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> S
     stated = {repr(still.scale): still for still in stills}  # NaN, declared unknown, equals itself there
     if given is None and len(stated) > 1:
         one, other, *_ = stated.values()
+        problem = f"does not state the same scale as {other.label}"
         raise ConfigError(
-            f"does not state the same scale as {other.label}",
-            place=one.label,
-            fix="import those of each scale from a folder of their own",
+            problem, place=one.label, fix="import those of each scale from a folder of their own"
         )
     agreed = given or stills[0].scale
     if agreed is None:
@@ -327,12 +321,10 @@ def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> S
     for still in stated.values():
         own = still.scale  # which holds, also against temperatures declared unknown
         if own is not None and not math.isnan(own.kelvin_per_count) and agreed != own:
-            raise ConfigError(
-                f"states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K at zero, "
-                f"the options {agreed.kelvin_per_count:g} and {agreed.kelvin_at_zero:g}",
-                place=still.label,
-                fix="omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero"),
-            )
+            given_as = f"the options {agreed.kelvin_per_count:g} and {agreed.kelvin_at_zero:g}"
+            stated_as = f"{own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K at zero"
+            fix = "omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero")
+            raise ConfigError(f"states {stated_as}, {given_as}", place=still.label, fix=fix)
     return agreed
 
 
@@ -357,11 +349,9 @@ def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator
     for number, (stamp, still) in enumerate(stamped):
         counts = still.counts()
         if counts.shape != info.shape:
-            raise ConfigError(
-                f"has {counts.shape} pixels, the first frame {info.shape}",
-                place=still.label,
-                fix="import frames of different sizes from folders of their own",
-            )
+            problem = f"has {counts.shape} pixels, the first frame {info.shape}"
+            fix = "import frames of different sizes from folders of their own"
+            raise ConfigError(problem, place=still.label, fix=fix)
         ends = still.unit and (counts == _HIGHEST).any()
         flags = still.flags | (Quality.SATURATED if ends else Quality.GOOD)
         yield Frame(info.name, stamp, stamp, counts, empty, flags, device_seq=number)
@@ -390,9 +380,8 @@ def _read_irg(path: Path) -> tuple[CountArray, Scale | None, float]:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
     except OSError as error:
-        raise ConfigError(
-            f"cannot read: {error.strerror}", place=path, fix="check the path of the folder"
-        ) from error
+        problem, fix = f"cannot read: {error.strerror}", "check the path of the folder"
+        raise ConfigError(problem, place=path, fix=fix) from error
     if len(data) < _HEAD.size or data[:2] not in _IRG_SCALES:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)

@@ -211,9 +211,8 @@ def _text(path: Path, encoding: str) -> Contents:
     try:
         data = unpacked(path, _MAX_BYTES + 1)
         if len(data) > _MAX_BYTES:
-            raise ConfigError(
-                f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split the table into parts"
-            )
+            problem, fix = f"larger than {_MAX_BYTES // 10**6} MB", "split the table into parts"
+            raise ConfigError(problem, place=path, fix=fix)
         stated = _stated_encoding(path, data[:3], encoding)
         # a character that was cut off at the end is none
         text = codecs.getincrementaldecoder(stated)().decode(_ERASED.sub(b"", data))

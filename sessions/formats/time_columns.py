@@ -186,11 +186,10 @@ def _time_of_day(
     for place in named:
         if 2 * sum(map(bool, map(_DIGITS.fullmatch, (cell_of(row, place) for row in rows)))) > len(rows):
             return tuple(parts.values()) if "H" in parts else (place,)
-    raise ConfigError(  # all of them would be put at midnight
-        f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
-        place=path,
-        fix="name the column of the date, then that of the time of day: " + Argument("time_columns"),
-    )
+    # all of them would be put at midnight
+    problem = f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day"
+    fix = "name the column of the date, then that of the time of day: " + Argument("time_columns")
+    raise ConfigError(problem, place=path, fix=fix)
 
 
 def time_text(labels: Sequence[str], cells: Sequence[str], *, has_format: bool) -> str:
