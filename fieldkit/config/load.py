@@ -53,7 +53,7 @@ def load_config(
     quotes). Raises `ConfigMistakesError` with every mistake, `ConfigError` if a file cannot be read.
     """
     return _without_mistakes(
-        *read_config(path, settings=settings, environment=environment), fix=f"edit the file {path}"
+        *read_config(path, settings=settings, environment=environment), fix=f"edit {path}"
     )
 
 
@@ -110,7 +110,7 @@ def parse_toml(text: str, file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit the file {file}") from error
+        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit {file}") from error
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
