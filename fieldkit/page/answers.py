@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -194,23 +195,25 @@ class Answers:
             request = await asyncio.to_thread(send, *arguments)
             return await self._await_stored(request, events)
 
-    async def _await_stored(self, request: SentRequest, events: _Events) -> Done:
+    async def _await_stored(self, request: SentRequest, events: asyncio.Queue[Event]) -> Done:
         try:
             async with asyncio.timeout(ANSWERS_WITHIN_S):
-                event = await events.about(request.id)
+                while (event := await events.get()).data.get("request") != request.id:
+                    pass
         except TimeoutError:
             raise PageError("silent", seconds=f"{ANSWERS_WITHIN_S:.0f}") from None
         return Done(ok=event.severity is Severity.INFO, event=outgoing.event(event))
 
     @contextmanager
-    def _listening(self) -> Iterator[_Events]:
-        """Events from before a request is sent, so that none is missed."""
-        events = _Events()
-        self.hub.listeners.append(events.listen)
+    def _listening(self) -> Iterator[asyncio.Queue[Event]]:
+        """Events from before a request is sent, so that none is missed; a thread of the hub has them."""
+        loop, events = asyncio.get_running_loop(), asyncio.Queue[Event]()
+        listener = partial(loop.call_soon_threadsafe, events.put_nowait)
+        self.hub.listeners.append(listener)
         try:
             yield events
         finally:
-            self.hub.listeners.remove(events.listen)
+            self.hub.listeners.remove(listener)
 
     # --- the picture
 
@@ -291,27 +294,6 @@ class Answers:
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
         highest = f"{max(elevation for _, elevation in horizon):.1f}"
         return Done("done.skyline", {"highest": highest, "missing": "; ".join(self._reread())})
-
-
-class _Events:
-    """Events of the recording that answer requests, until they are asked for."""
-
-    def __init__(self) -> None:
-        self._loop, self._came = asyncio.get_running_loop(), asyncio.Event()
-        self._by_request: dict[str, Event] = {}
-
-    def listen(self, event: Event) -> None:
-        """Keep an event; called by the thread that has it."""
-        if "request" in event.data:
-            self._by_request[str(event.data["request"])] = event
-            self._loop.call_soon_threadsafe(self._came.set)
-
-    async def about(self, request: str) -> Event:
-        """The event that answers a request."""
-        while request not in self._by_request:
-            await self._came.wait()
-            self._came.clear()
-        return self._by_request[request]
 
 
 def _change(request: requests.Redrawing) -> tuple[str, str, Callable[[edit.Draft], Any]]:

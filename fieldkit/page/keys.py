@@ -12,9 +12,9 @@ import json
 import os
 import secrets
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from hmac import compare_digest
 from pathlib import Path
 
@@ -33,17 +33,12 @@ MOST_KEPT = 200
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """Permission of a key, and its end (seconds since 1970); `hash` is the key's SHA-256."""
+    """Permission of a link's or a session's key, and its end (seconds since 1970); `hash` is its SHA-256."""
 
     hash: str
     role: str
     ends_at: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Grants:
-    links: tuple[Grant, ...] = field(default=())
-    sessions: tuple[Grant, ...] = field(default=())
+    is_link: bool = False
 
 
 class Keys:
@@ -56,63 +51,56 @@ class Keys:
 
     def new_link(self, role: Role) -> str:
         """A key that `exchange` takes once, within a day."""
-        key = secrets.token_urlsafe(KEY_BYTES)
-        with self._changing() as (links, _):
-            links.append(Grant(_hash(key), role, time.time() + LINK_LASTS_S))
-        return key
+        with self._changing() as grants:
+            return _add_key(grants, role, LINK_LASTS_S, is_link=True)
 
     def new_program(self) -> str:
         """A key with which a program, such as Prometheus, may look for a year."""
-        key = secrets.token_urlsafe(KEY_BYTES)
-        with self._changing() as (_, sessions):
-            sessions.append(Grant(_hash(key), "view", time.time() + PROGRAM_LASTS_S))
-        return key
+        with self._changing() as grants:
+            return _add_key(grants, "view", PROGRAM_LASTS_S)
 
     def exchange(self, key: str) -> tuple[str, Role] | None:
         """The key of a new session for that of a link, which is void from now on; None for any other."""
-        session = secrets.token_urlsafe(KEY_BYTES)
-        with self._changing() as (links, sessions):
-            link = _find(links, key)
+        with self._changing() as grants:
+            link = _find(grants, key, is_link=True)
             if link is None:
                 return None
-            links.remove(link)
-            sessions.append(Grant(_hash(session), link.role, time.time() + SESSION_LASTS_S))
-        return session, _role(link)
+            grants.remove(link)
+            return _add_key(grants, link.role, SESSION_LASTS_S), _role(link)
 
     def session(self, key: str) -> tuple[Role, float] | None:
         """Role of a session's key and when it ends; None for any other key."""
-        session = _find(self._read().sessions, key)
+        session = _find(self._read(), key)
         return None if session is None else (_role(session), session.ends_at)
 
     def is_link(self, key: str) -> bool:
         """Whether `exchange` would take this key."""
-        return _find(self._read().links, key) is not None
+        return _find(self._read(), key, is_link=True) is not None
 
-    def _read(self) -> _Grants:
+    def _read(self) -> list[Grant]:
         try:
-            grants = build(_Grants, json.loads(self.path.read_text(encoding="utf-8")))
+            grants = [build(Grant, plain) for plain in json.loads(self.path.read_text(encoding="utf-8"))]
         except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
-            return _Grants()
-        return _Grants(
-            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(grants))
-        )
+            return []
+        return [grant for grant in grants if grant.ends_at > time.time()]
 
     @contextmanager
-    def _changing(self) -> Iterator[tuple[list[Grant], list[Grant]]]:
+    def _changing(self) -> Iterator[list[Grant]]:
         with _report_errors(self.path), one_at_a_time(self.path.parent):
             before = self._read()
-            links, sessions = map(list, _parts(before))
-            yield links, sessions
-            sessions.sort(key=lambda grant: grant.ends_at)  # browsers do not crowd out a program
-            after = _Grants(tuple(links[-MOST_KEPT:]), tuple(sessions[-MOST_KEPT:]))
-            if after != before:
-                self._write(after)
+            grants = before.copy()
+            yield grants
+            if grants != before:
+                grants.sort(key=lambda grant: grant.ends_at)  # browsers do not crowd out a program
+                links = [grant for grant in grants if grant.is_link]
+                sessions = [grant for grant in grants if not grant.is_link]
+                self._write([*links[-MOST_KEPT:], *sessions[-MOST_KEPT:]])
 
-    def _write(self, grants: _Grants) -> None:
+    def _write(self, grants: Sequence[Grant]) -> None:
         with replacing(self.path, synced=False) as draft:
             descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
             with open(descriptor, "w", encoding="utf-8") as file:
-                json.dump(asdict(grants), file)
+                json.dump(list(map(asdict, grants)), file)
 
 
 @contextmanager
@@ -125,10 +113,6 @@ def _report_errors(path: Path) -> Iterator[None]:
         raise StorageError(what, place=path, fix=fix) from error
 
 
-def _parts(grants: _Grants) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:
-    return grants.links, grants.sessions
-
-
 def _role(grant: Grant) -> Role:
     return "control" if grant.role == "control" else "view"
 
@@ -137,10 +121,16 @@ def _hash(key: str) -> str:
     return hashlib.sha256(key.encode(errors="replace")).hexdigest()
 
 
-def _find(grants: list[Grant] | tuple[Grant, ...], key: str) -> Grant | None:
+def _add_key(grants: list[Grant], role: str, lasts_s: float, *, is_link: bool = False) -> str:
+    key = secrets.token_urlsafe(KEY_BYTES)
+    grants.append(Grant(_hash(key), role, time.time() + lasts_s, is_link))
+    return key
+
+
+def _find(grants: Sequence[Grant], key: str, *, is_link: bool = False) -> Grant | None:
     """The grant of a key; every one is compared, in a time that does not depend on the key."""
     digest, match = _hash(key), None
     for grant in grants:
-        if compare_digest(grant.hash, digest):
+        if compare_digest(grant.hash, digest) and grant.is_link is is_link:
             match = grant
     return match

@@ -53,33 +53,24 @@ MODEL_WORDS: Mapping[Model, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class BudgetSection:
-    """The error budget as a report shows it: what the models omit, how they compare, causes, and advice."""
+def error_budget(data: ReportData) -> Mapping[str, object] | None:
+    """The section of a session: what the models omit, how they compare, causes, and advice.
 
-    summary: str
-    meaning: str
-    slopes: Sequence[Table]
-    models: Table | None
-    contributions: Table
-    advice: Sequence[str]
-
-
-def error_budget(data: ReportData) -> BudgetSection | None:
-    """The section of a session; None without targets or without irradiance."""
+    None without targets or without irradiance.
+    """
     if not data.columns.targets or not np.isfinite(data.columns.irradiance_w_m2).any():
         return None
     budgets = [budget(data.columns, target, data.settings) for target in data.columns.targets]
     columns = ("cause", *(budget.name for budget in budgets))
     caption = f"Degrees of tilt, medians over the session, {READING}"
-    return BudgetSection(
-        summary=_omitted_words(data, budgets),
-        meaning=GUM if data.budgets else "",
-        slopes=[_slope_table(name, terms) for name, terms in data.budgets.items()],
-        models=model_table(data) if data.others else None,
-        contributions=Table(columns, cause_rows(budgets), caption),
-        advice=_advice(budgets),
-    )
+    return {
+        "summary": _omitted_words(data, budgets),
+        "meaning": GUM if data.budgets else "",
+        "slopes": [_slope_table(name, terms) for name, terms in data.budgets.items()],
+        "models": model_table(data) if data.others else None,
+        "contributions": Table(columns, cause_rows(budgets), caption),
+        "advice": _advice(budgets),
+    }
 
 
 def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:

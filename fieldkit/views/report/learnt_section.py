@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,27 +20,19 @@ if TYPE_CHECKING:
 PRIOR_COLOUR = "#D0D0D0"
 
 
-@dataclass(frozen=True, slots=True)
-class LearntSection:
-    """The section as the template shows it; `figures` is None without matplotlib."""
-
-    judgement: str
-    parameters: Table
-    figures: Sequence[Figure] | None
-    residuals: Table
-
-
-def learnt_section(data: ReportData) -> LearntSection | None:
-    """The section of a session; None with other models than the learned."""
+def learnt_section(data: ReportData) -> Mapping[str, object] | None:
+    """The section of a session as the template shows it; None with other models than the learned."""
     learnt = data.columns.final_learnt
     if learnt is None:
         return None
-    return LearntSection(
-        learnt_words.judgement(learnt),
-        Table(learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.meaning(learnt)),
-        data.draw(_figures),
-        Table(learnt_words.RESIDUAL_COLUMNS, learnt_words.residual_rows(learnt)),
-    )
+    return {
+        "judgement": learnt_words.judgement(learnt),
+        "parameters": Table(
+            learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.meaning(learnt)
+        ),
+        "figures": data.draw(_figures),
+        "residuals": Table(learnt_words.RESIDUAL_COLUMNS, learnt_words.residual_rows(learnt)),
+    }
 
 
 def _figures(data: ReportData) -> Iterator[Figure]:

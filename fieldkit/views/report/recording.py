@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import platform
 import tomllib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import TYPE_CHECKING
 
@@ -31,70 +30,33 @@ SIMULATED = "simulated"
 _GAPS = (EventKind.GAP, EventKind.LOST)
 
 
-@dataclass(frozen=True, slots=True)
-class Outline:
-    """A region as it is drawn over the frame: corners as SVG points, and the centre of its name."""
+def frame_image(data: ReportData) -> Mapping[str, object] | None:
+    """The frame as ``frame.html`` draws it: image, scale, axes and outlines; None if there is no frame.
 
-    name: str
-    points: str
-    x: float
-    y: float
-
-
-@dataclass(frozen=True, slots=True)
-class FrameImage:
-    """A frame as the template draws it: image, scale, axes and outlines, all in camera pixels."""
-
-    rows: int
-    cols: int
-    data_uri: str
-    low: str
-    middle: str
-    high: str
-    palette: Sequence[str]
-    outlines: Sequence[Outline]
-    caption: str
-
-    @property
-    def letter(self) -> float:
-        """Height of the axes' letters."""
-        return self.cols / 32
-
-    @property
-    def region_names(self) -> str:
-        """The regions, for readers who cannot see the image."""
-        return ", ".join(outline.name for outline in self.outlines) or "none"
-
-    @property
-    def column_ticks(self) -> Sequence[int]:
-        """Camera columns with a number."""
-        return ticks(self.cols)
-
-    @property
-    def row_ticks(self) -> Sequence[int]:
-        """Camera rows with a number."""
-        return ticks(self.rows)
-
-
-def frame_image(data: ReportData) -> FrameImage | None:
-    """The frame with its regions, or None if there is no frame."""
+    Lengths are in camera pixels: `letter` is the height of the axes' letters.
+    """
     if (frame := data.frame) is None:
         return None
     streams = data.session.streams
     info = streams[frame.stream]
     scale = image.scale_of(image.values(frame, info), image.unit(info))
     rows, cols = frame.counts.shape
-    return FrameImage(
-        rows=rows,
-        cols=cols,
-        data_uri=data_uri("image/png", image.bare_png(frame, info, scale)),
-        low=scale.text(scale.low),
-        middle=scale.text((scale.low + scale.high) / 2),
-        high=scale.text(scale.high),
-        palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in palette()[::8].tolist()],
-        outlines=[_outline(region) for region in regions_on(frame.stream, data.regions, streams.values())],
-        caption=_frame_caption(data, frame, scale),
-    )
+    shown = regions_on(frame.stream, data.regions, streams.values())
+    return {
+        "rows": rows,
+        "cols": cols,
+        "letter": cols / 32,
+        "row_ticks": ticks(rows),
+        "column_ticks": ticks(cols),
+        "data_uri": data_uri("image/png", image.bare_png(frame, info, scale)),
+        "low": scale.text(scale.low),
+        "middle": scale.text((scale.low + scale.high) / 2),
+        "high": scale.text(scale.high),
+        "palette": [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in palette()[::8].tolist()],
+        "outlines": [_outline(region) for region in shown],
+        "region_names": ", ".join(region.name for region in shown) or "none",
+        "caption": _frame_caption(data, frame, scale),
+    }
 
 
 def _frame_caption(data: ReportData, frame: Frame, scale: image.Scale) -> str:
@@ -105,10 +67,11 @@ def _frame_caption(data: ReportData, frame: Frame, scale: image.Scale) -> str:
     return f"{kind} at {when} ({zone}), as the camera saw it, with the regions; axes: {cols} x {rows} pixels."
 
 
-def _outline(region: Region) -> Outline:
+def _outline(region: Region) -> Mapping[str, object]:
+    """The corners of a region as SVG points, and its name with the place of its centre."""
     points = " ".join(f"{x:g},{y:g}" for x, y in region.points_px)
     x, y = (sum(side) / len(side) for side in zip(*region.points_px, strict=True))
-    return Outline(region.name, points, x, y)
+    return {"name": region.name, "points": points, "x": x, "y": y}
 
 
 def regions(data: ReportData) -> Table:
@@ -151,32 +114,15 @@ def _names_simulated(settings: object) -> bool:
 # ---------------------------------------------------------------------- events, streams, clock, provenance
 
 
-@dataclass(frozen=True, slots=True)
-class EventList:
-    """The events in order of time; `table` holds at most the first `SHOWN_EVENTS` of them."""
-
-    count: int
-    table: Table
-
-    @property
-    def is_short(self) -> bool:
-        """True if the list is shown unfolded."""
-        return self.count <= UNFOLDED_EVENTS
-
-    @property
-    def is_cut(self) -> bool:
-        """True if the table holds only the first events."""
-        return self.count > SHOWN_EVENTS
-
-
-def events(data: ReportData) -> EventList:
-    """The events of the session."""
+def events(data: ReportData) -> Mapping[str, object]:
+    """The events in order of time: how many there are, and a table of the first `SHOWN_EVENTS`."""
     rows = [
         (data.clock_time(event.time_ns, seconds=True), event.stream, formatting.event_line(event))
         for event in data.events
     ]
     columns = f"time ({data.zone})", "stream", "what happened"
-    return EventList(len(rows), Table(columns, rows[:SHOWN_EVENTS]))
+    table = Table(columns, rows[:SHOWN_EVENTS])
+    return {"count": len(rows), "table": table, "is_short": len(rows) <= UNFOLDED_EVENTS}
 
 
 def streams(data: ReportData) -> Table:

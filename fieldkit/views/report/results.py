@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -244,16 +243,11 @@ def _final_tilts(columns: Series) -> str:
 # ---------------------------------------------------------------------- as in the paper
 
 
-@dataclass(frozen=True, slots=True)
-class PaperComparison:
-    """Figs. 12 and 13 of the paper for this session; `figures` is None without matplotlib."""
+def paper_comparison(data: ReportData) -> Mapping[str, object] | None:
+    """The paper's evaluation applied to this session, its Figs. 12 and 13.
 
-    summary: str
-    figures: list[Figure] | None
-
-
-def paper_comparison(data: ReportData) -> PaperComparison | None:
-    """The paper's evaluation applied to this session; None if no target's slope was given."""
+    None if no target's slope was given.
+    """
     columns = data.columns
     by_model = {
         target.region.name: modelled_temperature(columns, target, data.settings.surface)
@@ -267,7 +261,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
         f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
     )
-    return PaperComparison(summary, data.draw(lambda data: _paper_figures(data, modelled, rmse_k)))
+    return {"summary": summary, "figures": data.draw(lambda data: _paper_figures(data, modelled, rmse_k))}
 
 
 def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
