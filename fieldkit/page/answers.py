@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -208,12 +207,15 @@ class Answers:
     def _listening(self) -> Iterator[asyncio.Queue[Event]]:
         """Events from before a request is sent, so that none is missed; a thread of the hub has them."""
         loop, events = asyncio.get_running_loop(), asyncio.Queue[Event]()
-        listener = partial(loop.call_soon_threadsafe, events.put_nowait)
-        self.hub.listeners.append(listener)
+
+        def listen(event: Event) -> None:
+            loop.call_soon_threadsafe(events.put_nowait, event)
+
+        self.hub.listeners.append(listen)
         try:
             yield events
         finally:
-            self.hub.listeners.remove(listener)
+            self.hub.listeners.remove(listen)
 
     # --- the picture
 
