@@ -22,7 +22,8 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.next_step import Text
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats import imported
+from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, flag_bunched
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, plausible_ns
 
 SUFFIXES = (".fff", ".seq", ".csq", ".jpg", ".jpeg")
@@ -71,7 +72,7 @@ def read_flir(
     time_ns = [stamp for file in files for stamp in file.time_ns]
     read = partial(_frames, files, name)
     samples: Iterable[Frame] = ReadAgain(read)
-    rate_hz, notes = usual_rate_hz(time_ns), skipped
+    rate_hz, notes = imported.usual_rate_hz(time_ns), skipped
     if not source.is_dir():  # in a folder each frame was taken by hand, at no rate
         samples, notes = flag_bunched(read, time_ns)
         rate_hz = first.rate_hz
@@ -144,10 +145,8 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
 
 def _stored_frames(path: Path) -> Iterator[FlirFrame]:
     """The frames of a file; raises `DecodeError` at the first that is damaged."""
-    try:
+    with imported.explained(path, "cannot be read", _COPY, OSError):
         if path.stat().st_size == 0:  # an empty file cannot be mapped
             return
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             yield from flir_file.frames(data)
-    except OSError as error:
-        raise ConfigError(str(error), place=path, fix=_COPY) from error

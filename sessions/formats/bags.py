@@ -19,15 +19,20 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.component_names import component_named
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, FieldkitError, message_of
-from fieldkit.model.installation import install_extra
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import bounds_of, flag_implausible
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import POWER, Unit, meaning_of, unknown_meaning
 from fieldkit.model.samples import Frame, Sample, Severity
 from fieldkit.physics.camera_laws import NO_VALUE
 from fieldkit.sessions.formats import stills
-from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, imported_reading, usual_rate_hz
+from fieldkit.sessions.formats.imported import (
+    ImportedRecording,
+    ReadAgain,
+    explained,
+    imported_reading,
+    usual_rate_hz,
+)
 from fieldkit.sessions.formats.times import plausible_ns
 
 SUFFIXES = (".mcap", ".bag")
@@ -108,7 +113,9 @@ def read_bag(
 
 
 def _messages(path: Path, topics: Collection[str], offset_ns: int) -> Iterator[_Message]:
-    try:
+    fix = "export the topics of another program's MCAP as CSV; name a rosbag2 by its folder"
+    # of rosbags, SQLite, and the packers
+    with explained(path, "cannot be read as a recording of ROS", fix, Exception):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
@@ -122,14 +129,6 @@ def _messages(path: Path, topics: Collection[str], offset_ns: int) -> Iterator[_
                     time_ns = stamp.sec * 10**9 + stamp.nanosec
                 kind = connection.msgtype.rsplit("/", 1)[-1]
                 yield _Message(connection.topic, kind, plausible_ns(time_ns + offset_ns), body)
-    except FieldkitError:
-        raise
-    except ImportError as error:
-        raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
-    except Exception as error:  # of rosbags, SQLite, and the packers
-        problem = f"cannot be read as a recording of ROS: {message_of(error)[:200]}"
-        fix = "export the topics of another program's MCAP as CSV; name a rosbag2 by its folder"
-        raise ConfigError(problem, place=path, fix=fix) from error
 
 
 def _is_number(message: _Message) -> bool:

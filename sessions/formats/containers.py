@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
-from fieldkit.model.errors import ConfigError, FieldkitError, message_of
-from fieldkit.model.installation import install_extra
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.native_code import quiet
-from fieldkit.sessions.formats.imported import refuse_bomb, refuse_large
+from fieldkit.sessions.formats.imported import explained, refuse_bomb, refuse_large
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -65,19 +64,13 @@ def read_contents(path: Path, sheet: str = "") -> Contents:
     """The table of a file; of several in a workbook that of `sheet`. Raises `ConfigError`."""
     read = _reader_of(path)
     assert read is not None
-    try:
+    # every library has errors of its own; a panic of Rust is no `Exception`
+    with explained(path, "cannot be read", "save it again, or export CSV", BaseException):
         refuse_large(path, _MOST_BYTES)
         if zipfile.is_zipfile(path):
             refuse_bomb(path, sum(part.file_size for part in zipfile.ZipFile(path).infolist()))
         with quiet():
             rows, notes = read(path, sheet)
-    except ImportError as error:
-        raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
-    except (FieldkitError, KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # of every library its own; a panic of Rust is no `Exception`
-        problem = f"cannot be read: {message_of(error)[:200]}"
-        raise ConfigError(problem, place=path, fix="save it again, or export CSV") from error
     out = io.StringIO(newline="")
     columns = zip_longest(*rows, fillvalue="")
     csv.writer(out).writerows(zip(*map(_column, columns), strict=True))

@@ -20,6 +20,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.site import Site, apart_m
 from fieldkit.physics.camera_geometry import Grid, Heights
+from fieldkit.sessions.formats.imported import explained
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -146,14 +147,11 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
     import rasterio
     from rasterio.errors import RasterioIOError
 
-    try:
-        with rasterio.open(path) as file:
-            band = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-            crs_of_file, place = file.crs, file.transform
-            gain, offset, unit = file.scales[0], file.offsets[0], file.units[0]
-    except RasterioIOError as error:
-        problem, fix = f"cannot read the DEM: {error}", "name a GeoTIFF of heights"
-        raise ConfigError(problem, place=path, fix=fix) from error
+    readable = explained(path, "cannot read the DEM", "name a GeoTIFF of heights", RasterioIOError)
+    with readable, rasterio.open(path) as file:
+        band = file.read(1, masked=True).astype(np.float64).filled(np.nan)
+        crs_of_file, place = file.crs, file.transform
+        gain, offset, unit = file.scales[0], file.offsets[0], file.units[0]
     if _horizontal(crs_of_file) != _horizontal(crs):
         problem = f"in {crs_of_file or 'no reference system'}, the pose in {crs}"
         fix = f"transform it: gdalwarp -t_srs {crs} -r bilinear {path} dem.tif"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -19,8 +20,10 @@ from fieldkit.model.arrays import BoolArray, IntArray
 from fieldkit.model.channels import with_components
 from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.limits import bounds_of, excesses, flag_implausible, labels_of
+from fieldkit.model.next_step import Text
 from fieldkit.model.quantities import Quantity
 from fieldkit.model.samples import NO_COUNTER, Event, EventKind, Frame, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Site
@@ -108,16 +111,15 @@ def possible(
     if any(info.is_camera for info in imported.streams):
         about = tuple(_on_first_frame(next(iter(imported.samples), None), streams[0]))
         return replace(imported, notes=(*imported.notes, *about))
-    samples, notes = list(imported.samples), list(imported.notes)
+    all_bounds = {info.name: bounds_of(info) for info in streams}
+    # whatever the sun's height: times may be corrected
+    samples = [flag_implausible(sample, all_bounds[sample.stream]) for sample in imported.samples]
+    notes = list(imported.notes)
     for info in streams:
-        places = [place for place, sample in enumerate(samples) if sample.stream == info.name]
-        readings = [one for place in places if isinstance(one := samples[place], Reading)]
-        bounds = bounds_of(info)
+        readings = [one for one in samples if isinstance(one, Reading) and one.stream == info.name]
         values = np.array([reading.values for reading in readings], np.float64).reshape(-1, *info.shape)
         sine = sun_vectors([reading.time_ns for reading in readings], site).reshape(-1, 3)[:, 2]
-        for place, reading in zip(places, readings, strict=True):
-            # whatever the sun's height: times may be corrected
-            samples[place] = flag_implausible(reading, bounds)
+        bounds = all_bounds[info.name]
         beyond = excesses(labels_of(info), bounds, values, bounds.is_exceeded(values, sine))
         words = (excess.words(_place(readings[excess.first])) for excess in beyond)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]
@@ -221,6 +223,19 @@ def flag_bunched(
         return ReadAgain(flag), ()
     text = f"{int(late.sum())} of {late.size} frames came in bunches: stamps of arrival, flagged interpolated"
     return ReadAgain(flag), ((Severity.WARNING, text),)
+
+
+@contextmanager
+def explained(path: Path, problem: str, fix: Text, *kinds: type[BaseException]) -> Iterator[None]:
+    """Errors of these kinds, raised by what reads a file, as a `ConfigError`; those of fieldkit stay."""
+    try:
+        yield
+    except (FieldkitError, KeyboardInterrupt, SystemExit):
+        raise
+    except ImportError as error:
+        raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
+    except kinds as error:
+        raise ConfigError(f"{problem}: {str(error)[:200]}", place=path, fix=fix) from error
 
 
 def refuse_large(path: Path, most_bytes: int) -> None:

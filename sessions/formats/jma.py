@@ -23,7 +23,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats import imported
-from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, refuse_large
+from fieldkit.sessions.formats.imported import ImportedRecording, explained, free_name, imported_reading
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -31,6 +31,8 @@ JST = timezone(timedelta(hours=9), "JST")
 VENDOR = "Japan Meteorological Agency"
 
 _MOST_BYTES = 100_000_000
+_NOT_AS = f"not as the {VENDOR} writes it"
+_ANEW = "download it anew and leave name and encoding (Shift_JIS) as they are"
 
 
 # --- downloads of the "obsdl" page (CSV)
@@ -91,12 +93,8 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
 
     Raises `ConfigError` where the file does not follow the agency's layout.
     """
-    try:
+    with explained(path, _NOT_AS, _ANEW, OverflowError, ValueError, csv.Error):
         return _obsdl(path, [row for row in csv.reader(_text(path).splitlines()) if row], name)
-    except ConfigError:
-        raise
-    except (OverflowError, ValueError, csv.Error) as error:
-        raise _not_understood(path, str(error)) from error
 
 
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
@@ -280,12 +278,10 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
         raise _not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
     quantity = QUANTITIES[_COMPONENTS[match[1].upper()]]
     info = imported.station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {match[4]}")
-    try:
+    with explained(path, _NOT_AS, _ANEW, OverflowError):
         first = datetime(int(match[2]), int(match[3]), 1, tzinfo=JST)
         days = [day for line in _text(path).splitlines() if (day := _day(path, line)) is not None]
         readings = _readings(path, info.name, first, days)
-    except OverflowError as error:
-        raise _not_understood(path, str(error)) from error
     note = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
     return ImportedRecording((info,), readings, ((Severity.INFO, note),))
 
@@ -324,11 +320,9 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
 
 def _text(path: Path) -> str:
     """The text of such a file; raises `ConfigError`."""
-    try:
-        refuse_large(path, _MOST_BYTES)
+    with explained(path, _NOT_AS, _ANEW, OSError, UnicodeDecodeError):
+        imported.refuse_large(path, _MOST_BYTES)
         return path.read_bytes().decode(encoding_of(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise _not_understood(path, str(error)) from error
 
 
 def encoding_of(path: Path) -> str:
@@ -341,5 +335,4 @@ def encoding_of(path: Path) -> str:
 
 def _not_understood(path: Path, why: str) -> ConfigError:
     """The error of a file that is laid out otherwise."""
-    fix = "download it anew and leave name and encoding (Shift_JIS) as they are"
-    return ConfigError(f"not as the {VENDOR} writes it: {why}", place=path, fix=fix)
+    return ConfigError(f"{_NOT_AS}: {why}", place=path, fix=_ANEW)

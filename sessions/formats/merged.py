@@ -33,13 +33,11 @@ def cut_session(session: SessionReader, imported: ImportedRecording) -> Imported
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
 
-    def within() -> Iterator[Sample]:
-        for sample in imported.samples:
-            more = margin_ns[sample.stream]
-            if first_ns - more <= sample.time_ns <= last_ns + more:
-                yield sample
+    def is_within(sample: Sample) -> bool:
+        more_ns = margin_ns[sample.stream]
+        return first_ns - more_ns <= sample.time_ns <= last_ns + more_ns
 
-    part = ReadAgain(within)
+    part = ReadAgain(lambda: filter(is_within, imported.samples))
     if not (excluded := sum(1 for _ in imported.samples) - sum(1 for _ in part)):
         return imported
     text = f"{excluded} samples from before or after the session were excluded"
@@ -345,14 +343,11 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
 
 
 def binned(series: TimeSeries, step: float) -> TimeSeries:
-    """The means of bins of `step` seconds at their middles, NaN where nothing was measured."""
+    """The means of bins of `step` seconds, of time and value, NaN where nothing was measured."""
     place = np.floor((series.time_s - series.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
     with np.errstate(invalid="ignore"):
-        means = np.bincount(place, series.value) / counts
-    middles = np.bincount(place, series.time_s) / np.maximum(counts, 1)
-    empty = series.time_s[0] + (np.arange(counts.size) + 0.5) * step
-    return TimeSeries(np.where(counts > 0, middles, empty), means)
+        return TimeSeries(*(np.bincount(place, values) / counts for values in (series.time_s, series.value)))
 
 
 def _shift(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:

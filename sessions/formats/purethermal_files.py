@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb
+from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched, refuse_bomb
 from fieldkit.sessions.formats.times import plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
@@ -95,7 +95,10 @@ def _frames(path: Path, name: str, offset_ns: int) -> Iterator[Frame]:
 
 
 def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
-    try:
+    problem = "not a recording of the PureThermal Y16 recorder"
+    with explained(
+        path, problem, "import a .raw.y16.gz, a folder of 16-bit TIFF, or tables (CSV)", *_UNREADABLE
+    ):
         signature, length = file.read(8), int.from_bytes(file.read(4), "little")
         if signature != SIGNATURE or length > _MAX_HEADER:
             raise ValueError("no such signature")
@@ -106,7 +109,3 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         if not 0.0 < rate_hz <= _MAX_RATE_HZ:
             raise ValueError(f"{rate_hz} frames a second")
         return shape, rate_hz
-    except _UNREADABLE as error:
-        problem = f"not a recording of the PureThermal Y16 recorder: {message_of(error)}"
-        fix = "import a .raw.y16.gz, a folder of 16-bit TIFF, or tables (CSV)"
-        raise ConfigError(problem, place=path, fix=fix) from error

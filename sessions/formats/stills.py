@@ -22,13 +22,14 @@ import numpy as np
 from fieldkit import native_code
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Text
 from fieldkit.model.quantities import TEMPERATURE, Unit, meaning_of
 from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.physics import camera_laws
+from fieldkit.sessions.formats import imported
 from fieldkit.sessions.formats.frame_tables import is_frame_table, read_frame_tables
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched, refuse_bomb
 from fieldkit.sessions.formats.tiff import Page, read_pages
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, parse_times_ns, plausible_ns
 from fieldkit.sessions.layout import FILL_COUNT
@@ -172,7 +173,7 @@ def read_stills(
     no_values = {still.no_value for still in stills if math.isfinite(still.no_value)}
     info = StreamInfo(
         name, "brightness_temperature", "K", (rows, cols), agreed.kelvin_per_count, agreed.kelvin_at_zero,
-        rate_hz=usual_rate_hz(times_ns), driver="import",
+        rate_hz=imported.usual_rate_hz(times_ns), driver="import",
         settings={camera_laws.NO_VALUE: max(no_values)} if no_values else {},
     )  # fmt: skip
     flagged, bunches = flag_bunched(lambda: _frames(stamped, info), times_ns)
@@ -254,11 +255,8 @@ def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[N
 
 
 def _pages(path: Path) -> list[Page]:
-    try:
+    with explained(path, "cannot be read as a frame", _EXPORT_AGAIN, OSError, ValueError):
         pages = read_pages(path)
-    except (OSError, ValueError) as error:
-        problem = f"cannot be read as a frame: {message_of(error)}"
-        raise ConfigError(problem, place=path, fix=_EXPORT_AGAIN) from error
     if not any(page.is_frame for page in pages):
         raise ConfigError(f"none of {len(pages)} pages is a frame", place=path, fix=_EXPORT_AGAIN)
     return pages
@@ -376,12 +374,8 @@ def _read_irg(path: Path) -> tuple[CountArray, Scale | None, float]:
 
     Raises `ConfigError` where the file is no such frame, or is cut short.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
-    except OSError as error:
-        problem, fix = f"cannot read: {error.strerror}", "check the path of the folder"
-        raise ConfigError(problem, place=path, fix=fix) from error
+    with explained(path, "cannot read", "check the path of the folder", OSError), path.open("rb") as file:
+        data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
     if len(data) < _HEAD.size or data[:2] not in _IRG_SCALES:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)

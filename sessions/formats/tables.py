@@ -30,12 +30,13 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
 from fieldkit.sessions.formats.containers import Contents, is_container, read_contents
-from fieldkit.sessions.formats.imported import free_name
+from fieldkit.sessions.formats.imported import explained, free_name
 from fieldkit.sessions.formats.time_columns import SAMPLE, Kind, cell_of, first_time, time_places, time_text
 from fieldkit.sessions.formats.times import is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
 
 _MAX_BYTES = 100_000_000
+_UNREADABLE, _SAVE = "cannot be read as a table", "save it as CSV, UTF-8"
 _DELIMITERS = ";\t,"
 
 _ZEROS = re.compile("[^\\n]*\0{4,}[^\\n]*")
@@ -157,11 +158,9 @@ def read_table(
     `ConfigError`.
     """
     text, notes = read_contents(path, sheet) if is_container(path) else _text(path, encoding)
-    try:
+    with explained(path, _UNREADABLE, _SAVE, csv.Error):
         delimiter = _delimiter(text)
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
-    except csv.Error as error:
-        raise _unreadable(path, str(error)) from error
     cells = [row.cells for row in rows]
     named_first = _place_of_name(rows, time_names[0]) if time_names else None
     date, first, kind = first_time(path, cells, named_first, time_format)
@@ -208,11 +207,12 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
 
 def _text(path: Path, encoding: str) -> Contents:
     """The text of a file without lines that a power cut has left as zeros, or an erased flash as ones."""
-    try:
+    with explained(path, _UNREADABLE, _SAVE, OSError, EOFError, zlib.error):
         data = unpacked(path, _MAX_BYTES + 1)
-        if len(data) > _MAX_BYTES:
-            problem, fix = f"larger than {_MAX_BYTES // 10**6} MB", "split the table into parts"
-            raise ConfigError(problem, place=path, fix=fix)
+    if len(data) > _MAX_BYTES:
+        problem, fix = f"larger than {_MAX_BYTES // 10**6} MB", "split the table into parts"
+        raise ConfigError(problem, place=path, fix=fix)
+    try:
         stated = _stated_encoding(path, data[:3], encoding)
         # a character that was cut off at the end is none
         text = codecs.getincrementaldecoder(stated)().decode(_ERASED.sub(b"", data))
@@ -222,8 +222,8 @@ def _text(path: Path, encoding: str) -> Contents:
     except LookupError as error:
         place = Argument("encoding", encoding)
         raise ConfigError("no such encoding", place=place, fix=_NAME_ENCODING) from error
-    except (OSError, EOFError, zlib.error, UnicodeError) as error:
-        raise _unreadable(path, str(error)) from error
+    except UnicodeError as error:
+        raise ConfigError(f"{_UNREADABLE}: {error}", place=path, fix=_SAVE) from error
     text, count = _ZEROS.subn("", text)
     if "\0" in text:
         raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)
@@ -250,10 +250,6 @@ def refuse_swallowed(path: Path, line: int, cells: Iterable[str], width: int, de
             problem = f"a quote opens a cell that goes on to line {line}, over whole rows"
             fix = f"close the quote before the row {after.strip()[:40]!r}, or delete it"
             raise ConfigError(problem, place=path, fix=fix)
-
-
-def _unreadable(path: Path, why: str) -> ConfigError:
-    return ConfigError(f"cannot be read as a table: {why}", place=path, fix="save it as CSV, UTF-8")
 
 
 def _rows(text: str, delimiter: str) -> Iterator[Row]:

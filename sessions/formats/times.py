@@ -18,7 +18,7 @@ from fieldkit.model import clock
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Sentence, Text
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.formats.imported import MissingOptionsError, UnstatedZoneError
+from fieldkit.sessions.formats.imported import MissingOptionsError, UnstatedZoneError, explained
 
 _COARSE_S = 1800.0
 """Rows so far apart cannot go back within an hour that comes twice."""
@@ -409,14 +409,12 @@ def _from_table(frames: Mapping[Path, int], times: Path, zone: tzinfo | None) ->
 
 
 def _rows(times: Path) -> list[tuple[str, str]]:
-    try:
+    with explained(times, "cannot read", "save it as CSV, UTF-8", OSError, UnicodeDecodeError, csv.Error):
         lines = times.read_text(encoding="utf-8-sig").splitlines()
         # semicolons or tabs part the columns where the first line has them, else commas
         delimiter = next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
         cells = csv.reader(lines, delimiter=delimiter)
         return [(row[0].strip(), row[1].strip()) for row in cells if len(row) >= 2]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read: {error}", place=times, fix="save it as CSV, UTF-8") from error
 
 
 def _from_names(frames: Mapping[Path, int], time_format: str, zone: tzinfo | None) -> dict[Path, list[int]]:
