@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -104,6 +105,17 @@ class CalibrationRecord:
 def expiry(kind: Kind, date: datetime) -> datetime:
     """Age after which a calibration of this kind should be repeated."""
     return date + timedelta(days=LIFETIME_DAYS[kind])
+
+
+def validity(record: CalibrationRecord) -> str:
+    """Surface, temperatures and last day of a record: ``dry (sand, region flat), 5 to 10 °C, until 2027``."""
+    surface, span_c = record.details.get("surface"), record.details.get("temperature_range_c")
+    parts = (
+        f"{record.name} ({surface})" if surface else record.name,
+        f"{span_c[0]:.1f} to {span_c[1]:.1f} °C" if span_c else "",
+        f"until {record.expires:%Y-%m-%d}" if record.expires else "",
+    )
+    return ", ".join(filter(None, parts))
 
 
 def to_toml(record: CalibrationRecord) -> str:
@@ -228,6 +240,15 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
         place=folder,
         fix=f"name one of these: {', '.join(names)}" if names else "calibrate it first: none is there",
     )
+
+
+def records_of(session: str, folder: Path) -> Iterator[tuple[CalibrationRecord, Path]]:
+    """Records in the folder found from a session, by the name of its file; unreadable ones are skipped."""
+    for file in sorted(folder.glob("*.toml")):
+        with suppress(ConfigError):
+            record = _read(file)
+            if any(source.session == session for source in record.sources):
+                yield record, file
 
 
 def _read(file: Path) -> CalibrationRecord:

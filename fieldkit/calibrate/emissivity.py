@@ -12,8 +12,8 @@ from fieldkit.calibrate import measurement
 from fieldkit.calibrate.inputs import open_to_calibrate, write_lines
 from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration import steady_pairs
-from fieldkit.calibration.calibration_record import instrument_of
-from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties, fit_emissivity
+from fieldkit.calibration.calibration_record import instrument_of, validity
+from fieldkit.calibration.emissivity import Emissivity, Pairs
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning
 from fieldkit.views.calibration_figure import emissivity_figure
@@ -101,15 +101,15 @@ def emissivity(
         reflected=options.reflected if reflected is None else reflected,
     )
     with open_to_calibrate(session, settings, notify) as (opened, config):
-        probes = config.estimator_settings().probes
-        regions = opened.regions or config.regions
-        inventory = measurement.Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
+        estimator, regions = config.estimator_settings(), opened.regions or config.regions
+        streams = tuple(opened.streams.values())
+        inventory = measurement.Inventory(opened.path, streams, regions, estimator.probes)
         setup = measurement.measurement_setup(inventory, options)
         collector = measurement.ReadingCollector(setup)
         for entry in opened.samples():
             collector.add(entry)
         pairs, remarks = steady_pairs.pairs_of(steady_pairs.steady_intervals(_checked_readings(collector)))
-        fit = _fit(pairs, setup)
+        fit, kind = setup.fit(pairs), estimator.kinds.get(setup.sample.name, estimator.kind)
         fit = replace(fit, remarks=(*setup.remarks, *remarks, *fit.remarks))
         record = make_record(
             "emissivity",
@@ -123,12 +123,12 @@ def emissivity(
             band=setup.band.label,
             angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
             instrument=instrument_of(setup.camera),
-            details=_details(fit, pairs, setup),
+            details=_details(fit, pairs, setup) | {"surface": f"{kind}, region {setup.sample.name}"},
             settings={"sample": sample, **options.as_settings()},
             remarks=fit.remarks,
         )
         used_by = f'surface.emissivity = "@{sample}"'
-        summary = _summary(fit, pairs, setup)
+        summary = f"{_summary(fit, pairs, setup)}\nholds for {validity(record)}"
         return EmissivityCalibration(record, summary, used_by, config.calibration, fit, pairs, setup)
 
 
@@ -141,37 +141,13 @@ def _checked_readings(collector: measurement.ReadingCollector) -> steady_pairs.R
     return readings
 
 
-def _fit(pairs: Pairs, setup: measurement.MeasurementSetup) -> Emissivity:
-    options = setup.options
-    shared = SharedUncertainties(
-        camera_k=options.camera_sd_k,
-        thermometer_k=options.thermometer_sd_k,
-        probe_to_skin_k=options.probe_sd_k,
-        reflected_k=options.reflected_sd_k,
-        sky_drift_k=options.sky_drift_sd_k,
-        probe_gradient_k=options.probe_gradient_sd_k,
-    )
-    return fit_emissivity(
-        pairs,
-        shared,
-        reflected="free" if setup.is_reflected_fitted else "fixed",
-        band=setup.band,
-        tape_emissivity=options.tape_emissivity,
-        tape_emissivity_sd=options.tape_sd if setup.tape is not None else 0.0,
-        foil_emissivity_sd=options.foil_sd if setup.foil is not None else 0.0,
-    )
-
-
 def _details(found: Emissivity, pairs: Pairs, setup: measurement.MeasurementSetup) -> dict[str, Any]:
     """Details of a record of this kind beside value and budget; temperatures in °C."""
-    if setup.foil is not None:
-        reflected_by = "foil, ISO 18434-1"
-    else:
-        reflected_by = "fitted" if setup.is_reflected_fitted else "given"
+    without_foil = "fitted" if setup.is_reflected_fitted else "given"
     return {
         "temperature_range_c": _celsius([pairs.contact_k.min(), pairs.contact_k.max()]),
         "reflected_temperature_c": _celsius([found.reflected_k])[0],
-        "reflected_by": reflected_by,
+        "reflected_by": "foil, ISO 18434-1" if setup.foil is not None else without_foil,
         "pairs": len(pairs),
         "chi_square": found.chi_square,
         "residual_k": found.residual_k,

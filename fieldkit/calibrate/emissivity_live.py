@@ -7,20 +7,28 @@ each. The emissivity is found afterwards from the session alone.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fieldkit.calibrate import measurement
+from fieldkit.calibrate.guidance import APART_K, advice_on_probe, advice_on_result
 from fieldkit.calibration.emissivity import MIN_SPAN_K
 from fieldkit.calibration.ranges import require_name
-from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_intervals
+from fieldkit.calibration.steady_pairs import (
+    STEADY_K_MIN,
+    Readings,
+    drift_k_min,
+    pairs_of,
+    steady_intervals,
+)
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import CalibrationError
-from fieldkit.model.samples import Frame, Reading
+from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.background import RecordOptions
@@ -35,8 +43,8 @@ BURSTS = (
     "record.shutter_before_burst=true",
 )
 """Settings that a recording for an emissivity has unless others are given."""
-APART_K = 5.0
-"""Steady temperatures closer than this count as one."""
+PROGRESS_NS = 600_000_000_000
+"""How often session and field page have an event of the progress, if nothing changed before."""
 RECENT_NS = 120_000_000_000
 """Length of the interval of the drift that is shown."""
 
@@ -116,8 +124,15 @@ class PreparedMeasurement:
     def view(self, on_minute: Callable[[str], None], stop: Callable[[], None]) -> SteadyView:
         """A view of the recording that reports every minute, and calls `stop` when there is enough."""
         span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
-        temperatures = self.setup.options.temperatures
-        return SteadyView(measurement.ReadingCollector(self.setup), on_minute, stop, temperatures, span_k)
+        collector, config = measurement.ReadingCollector(self.setup), self.recording.config
+        return SteadyView(collector, config, on_minute, self._report, stop, span_k)
+
+    def _report(self, text: str, progress: Mapping[str, Any]) -> None:
+        """Pass an event to the recording: session and field page show it."""
+        clock = self.recording.instruments.clock
+        now_ns = clock.mono_ns()
+        event = Event(EventKind.ESTIMATOR, now_ns, clock.to_utc_ns(now_ns), text, data=progress)
+        self.recording.triggers.add(event)
 
 
 @contextmanager
@@ -135,35 +150,56 @@ def prepare_emissivity(
 
 @dataclass
 class SteadyView:
-    """A view of the recording that reports every minute how steady the surface is, and ends it when done."""
+    """A view of the recording that guides the measurement minute by minute, and ends it when done.
+
+    `on_progress` receives the guidance whenever a temperature is new or the emissivity becomes good enough,
+    and every ten minutes.
+    """
 
     collector: measurement.ReadingCollector
+    config: Config
     on_minute: Callable[[str], None]
+    on_progress: Callable[[str, Mapping[str, Any]], None]
     stop: Callable[[], None]
-    wanted: int
     wanted_span_k: float = 0.0
+    _stage: tuple[object, ...] = ()
 
     def show(self, item: Shown) -> None:
         """See `fieldkit.recorder.View`."""
         if isinstance(item, Frame | Reading):
             self.collector.add(item)
         elif isinstance(item, Minute):
-            self._inspect()
+            self._inspect(item)
 
     def close(self) -> None:
         """See `fieldkit.recorder.View`; nothing to release."""
 
-    def _inspect(self) -> None:
+    def _inspect(self, minute: Minute) -> None:
+        setup = self.collector.setup
         try:
             readings = self.collector.readings()
         except CalibrationError as error:
             self.on_minute(f"   {error.message}" + (f"; {error.fix}" if error.fix else ""))
             return
-        steady_k = [interval.contact_k for interval in steady_intervals(readings)]
-        count, span_k = len(apart(steady_k)), max(steady_k, default=0.0) - min(steady_k, default=0.0)
-        progress = f"temperatures {count} of {self.wanted}, span {span_k:.0f} K"
-        self.on_minute(f"   {_state(readings)}   {progress}")
-        if count >= self.wanted and span_k >= self.wanted_span_k:
+        intervals, wanted = steady_intervals(readings), setup.options.temperatures
+        levels_k = apart(steady_k := [interval.contact_k for interval in intervals])
+        count, span_k = len(levels_k), max(steady_k, default=0.0) - min(steady_k, default=0.0)
+        progress = f"temperatures {count} of {wanted}, span {span_k:.0f} K"
+        advice = list(advice_on_probe(readings, levels_k, self.config.estimator_settings()))
+        with suppress(CalibrationError):  # as long as the intervals do not determine it
+            fit = setup.fit(pairs_of(intervals)[0])
+            beds = [bed for bed in self.config.regions if bed not in (setup.foil, setup.tape)]
+            advice.append(advice_on_result(fit, minute, beds, self.config))
+        lines = [line for line, _ in advice]
+        self.on_minute("\n".join(f"   {line}" for line in (f"{_state(readings)}   {progress}", *lines)))
+        values: dict[str, Any] = {"temperatures": count, "wanted": wanted}
+        for _, part in advice:  # the page takes its words from the last name that it has words for
+            values |= part
+        stage = count, values.get("enough"), minute.time_ns // PROGRESS_NS
+        if stage != self._stage:
+            self._stage = stage
+            self.on_progress("; ".join((progress, *lines)), values)
+        if count >= wanted and span_k >= self.wanted_span_k:
             self.stop()
 
 
@@ -171,8 +207,8 @@ def _state(readings: Readings) -> str:
     recent = readings.contact_ns > int(readings.contact_ns[-1]) - RECENT_NS
     drift = drift_k_min(readings.contact_ns[recent], readings.contact_k[recent])
     probe, apparent, reflected = (
-        f"{float(values[-1]) - CELSIUS_ZERO_K:5.1f} °C"
-        for values in (readings.contact_k, readings.apparent_k, readings.reflected_k)
+        "fitted" if kelvin == measurement.NOT_MEASURED_K else f"{kelvin - CELSIUS_ZERO_K:5.1f} °C"
+        for kelvin in (readings.contact_k[-1], readings.apparent_k[-1], readings.reflected_k[-1])
     )
     state = "steady" if abs(drift) < STEADY_K_MIN else "wait"
     return f"probe {probe}  {drift:+.2f} K/min {state:6}   apparent {apparent}   reflected {reflected}"

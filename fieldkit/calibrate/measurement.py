@@ -16,6 +16,10 @@ import numpy as np
 from fieldkit.calibrate.inputs import one_region
 from fieldkit.calibration import band as bands
 from fieldkit.calibration.emissivity import (
+    Emissivity,
+    Pairs,
+    SharedUncertainties,
+    fit_emissivity,
     is_saturated,
     mirrored_temperature_k,
     refuse_saturated,
@@ -121,8 +125,8 @@ class MeasurementOptions:
     thermometer_sd_k: float = 0.3
     probe_sd_k: float = 0.5
     reflected_sd_k: float = 5.0
-    probe_gradient_sd_k: float = 0.3
-    sky_drift_sd_k: float = 5.0
+    probe_gradient_sd_k: float = 0.25
+    sky_drift_sd_k: float = 3.0
     temperatures: int = 3
     duration: str | float | None = None
 
@@ -183,6 +187,21 @@ class MeasurementSetup:
     def probe_name(self) -> str:
         """Name of the chosen probe; empty without a thermometer."""
         return self.channel_names[self.channel] if self.thermometer is not None else ""
+
+    def fit(self, pairs: Pairs) -> Emissivity:
+        """The emissivity by these pairs, the uncertainties as in the options; raises `CalibrationError`."""
+        options = self.options
+        sds = options.camera_sd_k, options.thermometer_sd_k, options.probe_sd_k, options.reflected_sd_k
+        drifts = {"sky_drift_k": options.sky_drift_sd_k, "probe_gradient_k": options.probe_gradient_sd_k}
+        return fit_emissivity(
+            pairs,
+            SharedUncertainties(*sds, **drifts),
+            reflected="free" if self.is_reflected_fitted else "fixed",
+            band=self.band,
+            tape_emissivity=options.tape_emissivity,
+            tape_emissivity_sd=options.tape_sd if self.tape is not None else 0.0,
+            foil_emissivity_sd=options.foil_sd if self.foil is not None else 0.0,
+        )
 
 
 @dataclass(frozen=True, slots=True)

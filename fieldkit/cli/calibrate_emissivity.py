@@ -85,17 +85,9 @@ _kelvin = partial(number_option, metavar="K")
 @_kelvin("--probe-sd", "probe_sd_k", 0.5, "Between probe and surface: 0.3 K per millimetre of sand.")
 @_kelvin("--reflected-sd", "reflected_sd_k", 5.0, "Standard uncertainty of the reflected temperature.")
 @_kelvin(
-    "--probe-gradient-sd",
-    "probe_gradient_sd_k",
-    0.3,
-    "Half of the change of the probe's error from the coldest pair to the warmest.",
+    "--probe-gradient-sd", "probe_gradient_sd_k", 0.25, "Half the probe's change of error over the pairs."
 )
-@_kelvin(
-    "--sky-drift-sd",
-    "sky_drift_sd_k",
-    5.0,
-    "Half of that change of the reflected temperature, where no foil measures it.",
-)
+@_kelvin("--sky-drift-sd", "sky_drift_sd_k", 3.0, "Half a sky's change over the pairs, without a foil.")
 @click.option(
     "--temperatures",
     type=click.IntRange(3),  # fewer pairs cannot show whether they agree: emissivity.MIN_PAIRS

@@ -92,8 +92,12 @@ class Triggers:
         elif self.end is not None and trigger.act == "stop":
             self.end()
 
+    def add(self, event: Event) -> None:
+        """An event of another view; any thread."""
+        self._events.append(event)
+
     def events(self) -> Iterator[Event]:
-        """The marks of what acted since the last call."""
+        """The marks of what acted since the last call, and events that were added."""
         while self._events:
             yield self._events.popleft()
 

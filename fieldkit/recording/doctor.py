@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 
-from fieldkit.calibration.calibration_record import expiry_warnings
+from fieldkit.calibration.calibration_record import expiry_warnings, validity
 from fieldkit.config import Config, NoCampaignError, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import check_instruments, is_connected
@@ -160,7 +160,7 @@ def _calibrations(config: Config) -> Iterator[Finding]:
         if issues := expiry_warnings(record, datetime.now(UTC)):
             yield Finding("warn", key, "; ".join(issues), Action.CALIBRATE(record.kind))
         else:
-            yield Finding("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
+            yield Finding("ok", key, f"of {record.date:%Y-%m-%d}, for {validity(record)}")
 
 
 def _instrument_findings(device: DeviceSettings) -> Iterator[Finding]:

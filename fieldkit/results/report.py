@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from fieldkit.calibration.calibration_record import records_of
 from fieldkit.model.device import find_camera, regions_on
 from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, FieldkitError
@@ -193,6 +194,7 @@ def _report_session(
                 is_recordings=minutes.measured.is_recordings,
                 budgets=minutes.estimates().budgets,
                 checks=minutes.estimates().checks,
+                calibrations=list(records_of(session.path.name, config.calibration)),
             )
             write_report(out, data)
     return out

@@ -83,15 +83,25 @@ def surfaces() -> tuple[Surface, ...]:
     return tuple(surface for scene in scenes for surface in _steady(scene))
 
 
-FreeCase = Literal["still", "sky 5 K", "sky 10 K", "probe"]
+FreeCase = Literal["measured", "still", "sky 5 K", "sky 10 K", "probe", "clock"]
 FLUX_SWING_W_M2 = 130.0  # from the coldest pair to the warmest, as on the simulated field in summer
+MEASURED_DRIFT_K = (0.3, 1.9, 5.5, 1.8, 3.2)
+"""How much a sky of 8-14 um warmed by day with the ground, half of it from the coldest minute to the warmest:
+SURFRAD Alamosa 2015-12-31 and 2016-01-01 and Table Mountain 2017-01-05 (overcast, snow), ARM SGP E14
+2019-06-01 and E39 2023-06-01, by regression on the ground's temperature from upwelling longwave."""
+MEASURED_SWING_W_M2 = 90.0  # of the heat flux into the ground, the same of both ARM days
+CLOCK_S, DRIFT_K_MIN = (
+    90.0,
+    0.1,
+)  # the largest shift that is not refused, of a probe that just counts as steady
 
 
 def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:
     """Days without a foil, the surface over 18-40 K, of which one `case` says what drifts.
 
     The sky is colder or warmer by 5 or 10 K at the warmest pair and the other way at the coldest; the probe
-    lies up to two millimetres deep in sand whose heat flow grows with its temperature.
+    lies up to two millimetres deep in sand whose heat flow grows with its temperature. On ``measured`` days
+    both drift as was measured. With a wrong ``clock`` each pair compares two moments 90 s apart.
     """
     random = np.random.default_rng(seed)
     for _ in range(count):
@@ -99,10 +109,14 @@ def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:
         span_k, warmest_k = random.uniform(18.0, 40.0), random.uniform(300.0, 330.0)
         share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 10)])
         drift_k = {"sky 5 K": 5.0, "sky 10 K": 10.0}.get(case, 0.0) * random.choice([-1.0, 1.0])
-        deep_m = random.uniform(0.0, DEEPEST_M) if case == "probe" else 0.0
+        swing_w_m2 = {"probe": FLUX_SWING_W_M2, "measured": MEASURED_SWING_W_M2}.get(case, 0.0)
+        deep_k = random.uniform(0.0, DEEPEST_M) * swing_w_m2 / SAND_W_M_K
+        if case == "measured":
+            drift_k = float(random.choice(MEASURED_DRIFT_K))  # the sky is the warmer, the warmer the ground
+        late_k = CLOCK_S / 60.0 * DRIFT_K_MIN * random.uniform(-1.0, 1.0, share.size) * (case == "clock")
         day = make_day(
             random, emissivity=float(emissivity), surface_k=warmest_k - span_k * share,
-            probe_error_k=-deep_m * FLUX_SWING_W_M2 / SAND_W_M_K * (1.0 - share),
+            probe_error_k=late_k - deep_k * (1.0 - share),
             sky_k=sky_k + drift_k * (1.0 - 2.0 * share), thermometer_k=0.3, shared=SharedUncertainties(),
         )  # fmt: skip
         nothing = np.full(share.size, 150.0)

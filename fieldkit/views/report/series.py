@@ -37,6 +37,9 @@ from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Reading
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fieldkit.calibration.calibration_record import CalibrationRecord
     from fieldkit.estimation.estimator import Minute
     from fieldkit.sessions.reader import SessionReader
 
@@ -273,7 +276,8 @@ class ReportData:
     the same samples estimated with other surface models, by their names, `budgets` the uncertainty budget of
     each slope by region, with the learned model, `checks` the references as all others show them; `frame` is
     the one to show, `command_line` what was typed.
-    `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
+    `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one;
+    `calibrations` were found from the session, with their files.
     """
 
     session: SessionReader
@@ -289,6 +293,7 @@ class ReportData:
     is_recordings: bool = False
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
     checks: tuple[ReferenceCheck, ...] = ()
+    calibrations: Sequence[tuple[CalibrationRecord, Path]] = ()
 
     @cached_property
     def columns(self) -> Series:

@@ -19,8 +19,10 @@ from fieldkit.calibration.calibration_record import (
     instrument_of,
     model_warnings,
     record_warnings,
+    records_of,
     save,
     to_toml,
+    validity,
 )
 from fieldkit.calibration.uncertainty import Contribution
 from fieldkit.model.device import StreamInfo
@@ -267,3 +269,17 @@ def test_what_names_an_emissivity_is_its_sample(tmp_path):
         with pytest.raises(StorageError) as refused:
             save(replace(SAND, kind=kind, value=0.9), tmp_path / kind)
         assert steps(refused.value) == [Argument(argument)]
+
+
+def test_a_record_holds_for_a_surface_temperatures_and_a_year():
+    of_surface = replace(SAND, details={**SAND.details, "surface": "sand, region flat"})
+    assert validity(of_surface) == "dry-silica-sand (sand, region flat), 41.2 to 58.3 °C, until 2027-12-10"
+    assert validity(replace(SAND, details={}, expires=None)) == "dry-silica-sand"
+
+
+def test_records_are_found_by_their_session_and_a_damaged_one_is_skipped(tmp_path):
+    path = save(SAND, tmp_path)
+    save(replace(SAND, name="other", sources=(Source("other.h5", "cd" * 32),)), tmp_path)
+    (tmp_path / "damaged.toml").write_text("no = ", encoding="utf-8")
+    assert [file for _, file in records_of("20261210T010000Z-sand.h5", tmp_path)] == [path]
+    assert not list(records_of("20261210T010000Z-sand.h5", tmp_path / "absent"))

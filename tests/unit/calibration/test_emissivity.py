@@ -153,7 +153,7 @@ def test_an_emissivity_applied_twice_cannot_be():
     twice = own_part_k(truth.contact_k, 0.90, truth.reflected_k)  # corrected by the camera, then again
     with pytest.raises(CalibrationError, match="is impossible") as refused:
         fit_emissivity(replace(truth, apparent_k=twice), NO_ERROR)
-    assert "emissivity already" in str(refused.value.fix)
+    assert "camera applies none" in str(refused.value.fix)
 
 
 def test_pairs_that_disagree_are_refused():
@@ -187,18 +187,20 @@ def test_the_truth_lies_inside_the_stated_interval_as_often_as_it_says():
 
 
 @pytest.mark.parametrize("count", [75, pytest.param(150, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("case", ["still", "sky 5 K", "sky 10 K", "probe"])
+@pytest.mark.parametrize("case", ["measured", "still", "sky 5 K", "probe", "clock"])
 def test_without_a_foil_the_interval_allows_for_a_sky_that_drifts_and_a_probe_that_follows_the_heat(
     case, count
 ):
-    """Without a row for either, k = 2 held the truth on 96, 49, 17 and 48 days of a hundred."""
+    """On days with the drifts that were measured k = 2 holds the truth on 96 of a hundred."""
     inside = []
     for day in free_days(count, case):
         with suppress(CalibrationError):
             found = fit_emissivity(day.pairs, day.shared, reflected="free")
             inside.append(abs(found.value - day.emissivity) <= found.expanded)
-    assert len(inside) >= 0.8 * count  # the others leave more than 0.05 of doubt, as a span below 20 K does
+    assert len(inside) >= 0.97 * count  # the others leave more than 0.05 of doubt
     assert np.mean(inside) >= 0.92
+    if case == "measured":
+        assert np.mean(inside) <= 0.985
 
 
 @pytest.mark.parametrize("count", [150, pytest.param(300, marks=pytest.mark.slow)])
@@ -211,22 +213,22 @@ def test_without_a_foil_the_stated_interval_is_neither_too_wide_nor_too_narrow(t
         with suppress(CalibrationError):
             found = fit_emissivity(day.pairs, day.shared, reflected="free", **options)
             off.append((found.value - day.emissivity) / found.standard_uncertainty)
-    assert len(off) > 0.87 * count
+    assert len(off) > 0.97 * count
     assert 0.92 <= np.mean(np.abs(off) <= 2.0) <= 0.985
     assert 0.75 <= np.std(off) <= 1.1
 
 
 def test_the_budget_of_a_free_mirror_says_what_a_drifting_sky_would_do():
-    """A sky 5 K warmer with the warmest sand, colder with the coldest, worked out from the truth."""
+    """A sky 3 K warmer with the warmest sand, colder with the coldest, worked out from the truth."""
     surface, half = np.linspace(300.0, 330.0, 7), np.linspace(-1.0, 1.0, 7)
     sd = np.full(7, 0.05)
     given = [
         Pairs(brightness_temperature_k(surface, 0.90, 253.15 + drift), surface, np.full(7, 150.0), sd, sd)
-        for drift in (0.0, 5.0 * half)
+        for drift in (0.0, 3.0 * half)
     ]
     still, drifting = (fit_emissivity(one, reflected="free") for one in given)
     line = next(one for one in still.budget if one.name == "drift of the sky")
-    assert line.uncertainty == DEFAULT_SHARED_UNCERTAINTIES.sky_drift_k == 5.0
+    assert line.uncertainty == DEFAULT_SHARED_UNCERTAINTIES.sky_drift_k == 3.0
     # once more as much as the reflectance is itself in doubt with it
     assert line.effect == pytest.approx(drifting.value - still.value, rel=0.4)
     no_drift = SharedUncertainties(sky_drift_k=0.0, probe_gradient_k=0.0)

@@ -13,12 +13,13 @@ from fieldkit.views.report import ReportData, write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.series import modelled_temperature, series, temperature_rmse_k
 from tests.harness.learnt import learnt
+from tests.unit.calibration.test_calibration_record import SAND
 
 
 class Page(HTMLParser):
     """Words, headings, addresses and unclosed elements of a page."""
 
-    VOID = frozenset({"meta", "input"})
+    VOID = frozenset({"meta", "input", "img"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -86,6 +87,17 @@ def test_report_is_one_whole_file_that_asks_for_nothing_outside(page_text):
     assert re.findall(r"url\((?!#)", page_text) == []
     assert "<script" not in page_text
     assert "@import" not in page_text
+
+
+def test_an_emissivity_found_from_the_session_is_shown_with_figure_and_validity(written, tmp_path):
+    with_figure, without = tmp_path / "sand.toml", tmp_path / "again.toml"
+    with_figure.with_suffix(".svg").write_text("<svg/>", encoding="utf-8")
+    page = Page(written(calibrations=[(SAND, with_figure), (replace(SAND, name="again"), without)]))
+    assert [address for address in page.addresses if "svg" in address] == [
+        "data:image/svg+xml;base64,PHN2Zy8+"
+    ]
+    for expected in ("0.915 ± 0.030", "41.2 to 58.3 °C", "2027-12-10", "probe to skin temperature", "again"):
+        assert expected in page.text
 
 
 def test_report_tells_what_where_when_and_how_good(page_text):
