@@ -17,7 +17,7 @@ from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.inputs import MinuteInputs
-from fieldkit.estimation.learned.learner import Learner, Posterior, mass
+from fieldkit.estimation.learned.learner import FAR, Learner, Posterior, mass
 from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import DRYING_MINUTES, prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion
@@ -103,7 +103,8 @@ def turns_of(normals: UnitNormals, target: int) -> tuple[FloatArray, FloatArray,
 def slope_of(branches: Sequence[Branch], axes: FloatArray, settings: EstimatorSettings) -> KnownSlope:
     """Slope of one branch or two, in the axes of a target's normal (3, k)."""
     total = np.logaddexp.reduce([mass(log_weights) for *_, log_weights in branches])
-    drawn = [_points(branch, total, axes) for branch in branches]
+    # a branch that is far worse has weights which round to nothing
+    drawn = [_points(branch, total, axes) for branch in branches if mass(branch[-1]) > total - FAR]
     # what a region's neighbours learn is not bent by this: its azimuth may be the one that is wrong
     facing = [_facing(points, axes) for points in drawn]
     shares = np.array([weights.sum() for _, weights in facing])
