@@ -13,7 +13,7 @@ from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import OWN_K, Noise
 from fieldkit.estimation.learned.prior_state import (
     DAY_TO_DAY,
-    past_of_level_flux,
+    past_of_first_flux,
     prior_covariance,
     prior_mean,
 )
@@ -99,11 +99,10 @@ class Filters(KalmanBank):
         self._flux: Affine | None = None
 
     def _fill_stores(self, first: MinuteInputs) -> None:
-        """Fill the stores as the first minute's light would have before it, from their level on."""
-        light = self.model.light(first, self.mean, self.covariance)
-        # stores are empty so far: the flux of a surface that is at the level of its layer
-        _, flux = self.model.equations(first, light, self.mean, self._taken_k)
-        constant, into = np.ones(self.layout.size), past_of_level_flux(self.layout)
+        """Fill the stores by fluxes before the first minute that were like its own."""
+        flux = self.model.flux(first, self.model.light(first, self.mean, self.covariance), self._taken_k)
+        constant = np.ones(self.layout.size)
+        into = past_of_first_flux(self.layout)
         self.predict(Transition(constant, into, flux), np.zeros_like(self.mean))
 
     def step(self, minute: MinuteInputs) -> Innovation:

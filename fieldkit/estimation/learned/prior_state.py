@@ -90,9 +90,10 @@ Judged: because each is three times as long as the one before, as the layer's me
 to 125 min; what lies farther back is in the level.
 """
 PAST_HOLDS_MIN = 60.0
-"""Time over which light as in the first minute has warmed a layer from its level, e-folding backwards.
+"""Time over which the net flux of the first minute was there before it, as an e-folding time backwards.
 
-Judged: because the sun changes within hours. With past fluxes of the mean zero a bed that does not warm had
+Judged: because sun and ground change within hours: beds that lie out for three hours before a session at noon
+take up about as much in its first minute as before. With no mean of past fluxes a bed that does not warm had
 to lose what it absorbs: the exchange came out a sixth too high and slopes as much too steep.
 """
 LEAST_UP_SD, UP_SHARE = 0.15, 0.6
@@ -268,8 +269,8 @@ def _state_slope(covariance: FloatArray, layout: Layout, target: int, scale: flo
     covariance[:, gain, places] = covariance[:, places, gain] = gain_variance * along
 
 
-def past_of_level_flux(layout: Layout) -> FloatArray:
-    """Places (n, regions) that a flux which each region had at its level has filled before a session."""
+def past_of_first_flux(layout: Layout) -> FloatArray:
+    """Places (n, regions) that the net flux of each region's first minute has filled before it."""
     middle = 0.5 * (PAST_MINUTES[:-1] + PAST_MINUTES[1:])
     filled = _past_fills() @ np.exp(-middle / PAST_HOLDS_MIN)
     into = np.zeros((layout.size, layout.regions))

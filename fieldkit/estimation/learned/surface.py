@@ -259,6 +259,10 @@ class SurfaceModel:
             taken_k = temperature.at(mean)
         return temperature, flux
 
+    def flux(self, minute: MinuteInputs, light: Light, taken_k: FloatArray) -> Affine:
+        """Net flux of each region at temperatures `taken_k` (p, regions)."""
+        return self._flux(minute, self._sources(minute, light), taken_k)
+
     def _linearise(
         self, minute: MinuteInputs, sources: Affine, mean: FloatArray, taken_k: FloatArray
     ) -> tuple[Affine, Affine]:

@@ -54,11 +54,9 @@ class FrozenModel(surface.SurfaceModel):
     def light(self, minute, mean, covariance):
         return super().light(minute, self.fixed[np.newaxis], np.zeros((1, self.fixed.size, self.fixed.size)))
 
-    def flux(self, minute, region):
+    def flux_of(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        flux = self._flux(
-            minute, self._sources(minute, self.light(minute, None, None)), minute.temperature_k[np.newaxis]
-        )
+        flux = self.flux(minute, self.light(minute, None, None), minute.temperature_k[np.newaxis])
         return flux.rows[0, region], flux.constant[0, region]
 
 
@@ -286,7 +284,7 @@ class Dense:
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
         rows, constant = np.zeros((self.count, self.unknowns.size)), np.zeros(self.count)
         for number, minute in enumerate(self.minutes):
-            flux, constant[number] = self.model.flux(minute, region)
+            flux, constant[number] = self.model.flux_of(minute, region)
             for place, unknown in self._places(number):
                 rows[number, unknown] = flux[place]
             for target in range(self.layout.stated):
@@ -314,17 +312,14 @@ class Dense:
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
         known = conducted @ (constant + losses @ taken_k)
-        like_first = np.zeros(n)
         for number, (late, early) in enumerate(pairwise(constants.PAST_MINUTES)):
             past = by_minute(modes, -60.0 * early, -60.0 * late, n)
-            like_first += np.exp(-0.5 * (late + early) / constants.PAST_HOLDS_MIN) * past
+            # as the first flux, the less the longer ago, beside what is unknown
+            like_first = np.exp(-0.5 * (late + early) / constants.PAST_HOLDS_MIN) * past
+            free += np.outer(like_first, rows[0])
+            known += like_first * constant[0]
             free[:, self.blocks["past"].start + number] += past
             free[:, self.blocks[f"past{region}"].start + number] += past
-        # the flux of a first minute with nothing but that before it, q = rows x + constant - loss (T - taken)
-        damping = 1.0 + kernel[0] * losses[0, 0]
-        free_first, known_first = free[0] / damping, known[0] / damping
-        free += np.outer(like_first, rows[0] - losses[0, 0] * free_first)
-        known += like_first * (constant[0] - losses[0, 0] * (known_first - taken_k[0]))
         moment, beam = self.blocks["moment"].start, self.blocks["beam"].start
         each = np.arange(n)
         free[each, moment + each] += kernel[0] * rows[each, beam + each]
