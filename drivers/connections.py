@@ -102,8 +102,11 @@ def connect(settings: DeviceSettings, line: Line, clock: Clock) -> Port:
     )
 
 
-class NetworkPort(ABC):
-    """A connection as a port; see `fieldkit.drivers.framing.Port`. `facts` and `path` are its stream's."""
+class WaitingPort(ABC):
+    """A port that waits for bytes before it reads them; see `fieldkit.drivers.framing.Port`.
+
+    `facts` and `path` are its stream's.
+    """
 
     identity = ""
 
@@ -139,7 +142,7 @@ class NetworkPort(ABC):
         """What came, empty if nothing did in that time or a part of it; raises `DeviceLostError`."""
 
 
-class SocketPort(NetworkPort):
+class SocketPort(WaitingPort):
     """A TCP connection as a port: `peer` is what answers at the address, `advice` is for where nothing does.
 
     `byte_ns` is the wire time of a byte on a serial line behind it.
@@ -185,7 +188,7 @@ class SocketPort(NetworkPort):
         return DeviceLostError(f"{self._peer} hung up", place=self.path, fix=self._advice)
 
 
-class UrlPort(NetworkPort):
+class UrlPort(WaitingPort):
     """A serial port behind a URL as a port: by pyserial, those of ESPHome by serialx."""
 
     def __init__(self, settings: DeviceSettings, line: Line, clock: Clock) -> None:

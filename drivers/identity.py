@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import DeviceAccessError, DeviceNotFoundError
+from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.next_step import Action, Text
 
 # --- what to type when an instrument may not be opened
@@ -40,6 +40,11 @@ def refusal(place: str, error: Exception, group: str, fix: Text) -> DeviceAccess
     if code in (errno.EAGAIN, errno.EBUSY):
         return DeviceAccessError("used by another program", place=place, fix=fix)
     return None
+
+
+def unplugged(place: str, problem: str) -> DeviceLostError:
+    """The error of an instrument on a cable that was open and does not respond any more."""
+    return DeviceLostError(problem, place=place, fix="plug it back in; it is opened again by identity")
 
 
 def group_of(path: str) -> str:

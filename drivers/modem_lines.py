@@ -12,17 +12,18 @@ import os
 import struct
 import termios
 
-from fieldkit.drivers.connections import NetworkPort
+from fieldkit.drivers.connections import WaitingPort
+from fieldkit.drivers.identity import unplugged
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
-from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.model.errors import DeviceNotFoundError
 
 SCHEME = "lines://"
 EVERY_S, LOOK_EVERY_S = 1.0, 0.02
 LINES = {"cts": termios.TIOCM_CTS, "dsr": termios.TIOCM_DSR}
 
 
-class ModemLines(NetworkPort):
+class ModemLines(WaitingPort):
     """The state of CTS and DSR as text; the port's own DTR and RTS stay asserted, to feed a switch."""
 
     def __init__(self, path: str, clock: Clock) -> None:
@@ -55,7 +56,7 @@ class ModemLines(NetworkPort):
         try:
             text = self._text()
         except OSError as error:
-            raise DeviceLostError("gone", place=self.path, fix="plug the adapter in again") from error
+            raise unplugged(self.path, "gone") from error
         if text == self._printed and now_ns - self._printed_ns < EVERY_S * 1e9:
             return b""
         self._printed, self._printed_ns = text, now_ns

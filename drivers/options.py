@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fieldkit.model.device import DeviceSettings
+from fieldkit.model.device import DeviceSettings, Driver
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.spelling import did_you_mean
 
@@ -16,10 +16,14 @@ POSITIVE = (0.0, math.inf)
 _GREATEST = sys.float_info.max  # neither NaN nor infinity lies within
 
 
-def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
-    """Raise `ConfigError` for the first option that the driver does not declare."""
+def reject_unknown(settings: DeviceSettings, driver: Driver) -> None:
+    """Raise `ConfigError` for the first option that a driver does not declare.
+
+    One that declares none takes any.
+    """
+    allowed = getattr(driver, "options", None)
     for key in settings.options:
-        if key not in allowed:
+        if allowed is not None and key not in allowed:
             raise ConfigError(
                 f"the driver {settings.driver} has no option {key!r}",
                 place=settings.name,

@@ -32,13 +32,14 @@ from fieldkit.drivers.identity import (
     only_one,
     refusal,
     text_in,
+    unplugged,
     usb_parent,
 )
 from fieldkit.drivers.modem_lines import SCHEME, ModemLines
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceNotFoundError
 from fieldkit.model.next_step import Action
 
 _LONGEST_TENTHS = 255
@@ -101,7 +102,7 @@ class SerialPort:
         try:
             os.write(self._fd, data)
         except OSError as error:
-            raise self._lost() from error
+            raise unplugged(self.path, "gone") from error
 
     def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more.
@@ -127,7 +128,7 @@ class SerialPort:
                 if record is None:
                     left_s = timeout_s - (now_ns - started_ns) / 1e9
         except (OSError, termios.error) as error:
-            raise self._lost() from error
+            raise unplugged(self.path, "gone") from error
         return record
 
     def close(self) -> None:
@@ -154,7 +155,7 @@ class SerialPort:
             return b""
         chunk = os.read(self._fd, CHUNK_BYTES)
         if not chunk:
-            raise self._lost()
+            raise unplugged(self.path, "gone")
         return chunk
 
     def _block_for(self, timeout_s: float) -> None:
@@ -165,11 +166,6 @@ class SerialPort:
             attributes[6][termios.VTIME] = tenths
             termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
         self._blocks_for_s = timeout_s
-
-    def _lost(self) -> DeviceLostError:
-        return DeviceLostError(
-            "gone", place=self.path, fix="plug the cable back in; it is opened again by identity"
-        )
 
 
 def open_port(settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()) -> Port:

@@ -84,7 +84,7 @@ def get(name: str) -> Driver:
 def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
     driver = get(settings.driver)
-    _reject_unknown(settings, driver)
+    reject_unknown(settings, driver)
     device = open_with(driver, settings, clock)
     if settings.limits:
         device.info = replace(device.info, limits=settings.limits)
@@ -109,7 +109,7 @@ def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
     driver = get(name)
     if not isinstance(driver, Decodes):
         raise ConfigError("this driver cannot decode without its instrument", place=name, fix=Action.RECORD())
-    _reject_unknown(decoding_settings(name, given), driver)
+    reject_unknown(decoding_settings(name, given), driver)
     return driver.decode(data, given)
 
 
@@ -123,13 +123,6 @@ def load_all() -> tuple[list[Driver], list[str]]:
         except ConfigError as error:
             problems.append(error.message)
     return drivers, problems
-
-
-def _reject_unknown(settings: DeviceSettings, driver: Driver) -> None:
-    """Reject options the driver does not declare; a driver that declares none accepts any."""
-    allowed = getattr(driver, "options", None)
-    if allowed is not None:
-        reject_unknown(settings, allowed)
 
 
 def _plugins() -> list[EntryPoint]:

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import Found, Kind, UsbIdentity, only_one, refusal
+from fieldkit.drivers.identity import Found, Kind, UsbIdentity, only_one, refusal, unplugged
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceError, DeviceLostError
+from fieldkit.model.errors import DeviceError
 
 
 def usb_instruments(kinds: Sequence[Kind]) -> list[tuple[Any, UsbIdentity]]:
@@ -51,11 +51,7 @@ def usb_errors(place: str) -> Iterator[None]:
         if cause := refusal(place, error, "plugdev", "close it, or unplug and plug it"):
             raise cause from error
         if code in (errno.ENODEV, errno.ENOENT, errno.EIO):
-            raise DeviceLostError(
-                "the USB instrument is gone",
-                place=place,
-                fix="plug it back in; it is opened again by identity",
-            ) from error
+            raise unplugged(place, "the USB instrument is gone") from error
         raise DeviceError(
             f"the USB instrument refused: {error}", place=place, fix="unplug it and plug it in again"
         ) from error

@@ -21,14 +21,16 @@ from fieldkit.drivers.identity import (
     UsbIdentity,
     candidates,
     only_one,
+    unplugged,
     usb_parent,
 )
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
-from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.errors import DeviceError, DeviceNotFoundError
 from fieldkit.model.next_step import Action
 
+_STOPPED = "the camera stopped sending frames"
 _ANOTHER_CAMERA = "use another camera, or import what the maker's program records: " + Action.IMPORT()
 
 # --- OpenCV, where there is no Video4Linux or the configuration selects it
@@ -65,21 +67,14 @@ class OpenCvSource:
         """The next frame; raises `DeviceLostError` when OpenCV gets none any more."""
         good, image = self._capture.read()
         if not good:
-            raise self._lost()
+            raise unplugged(self.port, _STOPPED)
         return Buffer(image.tobytes(), self._stamp_ns())
 
     def skip_until(self, mono_ns: int) -> None:
         """Grab frames without fetching them until a monotonic time."""
         while self._clock.mono_ns() < mono_ns:
             if not self._capture.grab():
-                raise self._lost()
-
-    def _lost(self) -> DeviceLostError:
-        return DeviceLostError(
-            "the camera stopped sending frames",
-            place=self.port,
-            fix="plug it back in; it is opened again by identity",
-        )
+                raise unplugged(self.port, _STOPPED)
 
     def set_zoom(self, value: int) -> None:
         """Write the absolute zoom, which some cameras take as a command."""

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fieldkit.drivers.identity import refusal
+from fieldkit.drivers.identity import refusal, unplugged
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -36,6 +36,11 @@ ZOOM_ABSOLUTE = 0x009A_090D  # V4L2_CID_ZOOM_ABSOLUTE
 SET_CUR, GET_CUR, GET_LEN = 0x01, 0x81, 0x85
 
 
+def _words(*names: str) -> tuple[tuple[str, type], ...]:
+    """Fields of 32 bits without a sign, as most are."""
+    return tuple((name, ctypes.c_uint32) for name in names)
+
+
 class Capability(ctypes.Structure):
     """`struct v4l2_capability`."""
 
@@ -43,9 +48,7 @@ class Capability(ctypes.Structure):
         ("driver", ctypes.c_char * 16),
         ("card", ctypes.c_char * 32),
         ("bus_info", ctypes.c_char * 32),
-        ("version", ctypes.c_uint32),
-        ("capabilities", ctypes.c_uint32),
-        ("device_caps", ctypes.c_uint32),
+        *_words("version", "capabilities", "device_caps"),
         ("reserved", ctypes.c_uint32 * 3),
     )
 
@@ -53,25 +56,15 @@ class Capability(ctypes.Structure):
 class FrameSize(ctypes.Structure):
     """`struct v4l2_frmsizeenum`, discrete sizes only."""
 
-    _fields_ = (
-        ("index", ctypes.c_uint32),
-        ("pixel_format", ctypes.c_uint32),
-        ("type", ctypes.c_uint32),
-        ("width", ctypes.c_uint32),
-        ("height", ctypes.c_uint32),
-        ("rest", ctypes.c_uint32 * 6),
-    )
+    _fields_ = (*_words("index", "pixel_format", "type", "width", "height"), ("rest", ctypes.c_uint32 * 6))
 
 
 class PixelFormat(ctypes.Structure):
     """`struct v4l2_pix_format`."""
 
-    _fields_ = tuple(
-        (name, ctypes.c_uint32)
-        for name in (
-            *("width", "height", "pixelformat", "field", "bytesperline", "sizeimage"),
-            *("colorspace", "priv", "flags", "encoding", "quantization", "transfer"),
-        )
+    _fields_ = (
+        *_words("width", "height", "pixelformat", "field", "bytesperline", "sizeimage"),
+        *_words("colorspace", "priv", "flags", "encoding", "quantization", "transfer"),
     )
 
 
@@ -88,13 +81,11 @@ class Format(ctypes.Structure):
 class RequestBuffers(ctypes.Structure):
     """`struct v4l2_requestbuffers`."""
 
-    _fields_ = tuple(
-        (name, ctypes.c_uint32) for name in ("count", "type", "memory", "capabilities", "reserved")
-    )
+    _fields_ = _words("count", "type", "memory", "capabilities", "reserved")
 
 
 class _TimeCode(ctypes.Structure):
-    _fields_ = (("type", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("fields", ctypes.c_uint8 * 8))
+    _fields_ = (*_words("type", "flags"), ("fields", ctypes.c_uint8 * 8))
 
 
 class _Place(ctypes.Union):
@@ -105,20 +96,13 @@ class VideoBuffer(ctypes.Structure):
     """`struct v4l2_buffer`."""
 
     _fields_ = (
-        ("index", ctypes.c_uint32),
-        ("type", ctypes.c_uint32),
-        ("bytesused", ctypes.c_uint32),
-        ("flags", ctypes.c_uint32),
-        ("field", ctypes.c_uint32),
+        *_words("index", "type", "bytesused", "flags", "field"),
         ("seconds", ctypes.c_long),
         ("microseconds", ctypes.c_long),
         ("timecode", _TimeCode),
-        ("sequence", ctypes.c_uint32),
-        ("memory", ctypes.c_uint32),
+        *_words("sequence", "memory"),
         ("m", _Place),
-        ("length", ctypes.c_uint32),
-        ("reserved", ctypes.c_uint32),
-        ("request_fd", ctypes.c_uint32),
+        *_words("length", "reserved", "request_fd"),
     )
 
 
@@ -349,11 +333,7 @@ class V4l2Source:
         except BlockingIOError:
             return False
         except OSError as error:
-            raise DeviceLostError(
-                f"the camera is gone ({os.strerror(error.errno or 0)})",
-                place=self.port,
-                fix="plug it back in; it is opened again by identity",
-            ) from error
+            raise unplugged(self.port, f"the camera is gone ({os.strerror(error.errno or 0)})") from error
         return True
 
     def _extension(self, unit: int, selector: int, query: int, data: bytes) -> bytes:

@@ -16,9 +16,10 @@ from typing import Any
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
+from fieldkit.drivers.meters.nmea import altitude, position
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.samples import NO_COUNTER, Quality
+from fieldkit.model.samples import NO_COUNTER
 
 LONGEST = 16_384
 LONGEST_KEPT = 2048  # a TPV with all of its fields has 1100 bytes
@@ -64,18 +65,9 @@ def _meaning(report: dict[str, Any], length: int) -> Record:
 
 def _position(report: dict[str, Any], length: int) -> Record:
     mode = report.get("mode", 0) if report.get("status") not in NOT_MEASURED else 0
-    is_measured = {"latitude": mode in (2, 3), "longitude": mode in (2, 3), "altitude": mode == 3}
-    keys = {"latitude": "lat", "longitude": "lon", "altitude": "alt" if "alt" in report else "altMSL"}
-    values = []
-    for name, unit in CHANNELS[:3]:
-        number = float(report.get(keys[name], math.nan)) if is_measured[name] else math.nan
-        is_known = math.isfinite(number)
-        quality = Quality.GOOD if is_known else Quality.NO_VALUE
-        values.append(Value(number if is_known else math.nan, unit, name, quality))
-    latitude, longitude = values[0].value, values[1].value
-    if abs(latitude) > 90 or abs(longitude) > 180:  # NaN is beyond nothing
-        raise ValueError("position is not on the Earth")
-    return Record.of(length, values, f"TPV mode {mode}", _time_ns(report.get("time")))
+    place = position(report.get("lat"), report.get("lon"), mode in (2, 3))
+    height = altitude(report.get("alt", report.get("altMSL")), mode == 3)
+    return Record.of(length, (*place, height), f"TPV mode {mode}", _time_ns(report.get("time")))
 
 
 def _time_ns(text: Any) -> int:

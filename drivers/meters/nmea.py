@@ -76,7 +76,7 @@ def _meaning(message: Any, length: int) -> Parsed:
         return _gga(message, length)
     is_measured = getattr(message, "posMode", "") not in NOT_MEASURED  # absent before NMEA 2.3
     valid = message.msgID == "ZDA" or (message.status == "A" and is_measured)
-    place = () if message.msgID == "ZDA" else _place(message.lat, message.lon, valid)
+    place = () if message.msgID == "ZDA" else position(message.lat, message.lon, valid)
     moment = _moment(message)
     if moment is None:
         return Record.of(length, place, f"{message.msgID} without a time")
@@ -97,30 +97,32 @@ def _moment(message: Any) -> datetime | None:
 
 def _gga(message: Any, length: int) -> Record:
     valid = message.quality not in ("", *QUALITY_NOT_MEASURED)
-    altitude = _number(message.alt) if valid else math.nan
-    height = Value(altitude, "m", "altitude", _quality(math.isfinite(altitude)))
     counts = (Value(_number(message.quality), "", "fix"), Value(_number(message.numSV), "", "satellites"))
-    return Record.of(length, (*_place(message.lat, message.lon, valid), height, *counts), "GGA")
+    place, height = position(message.lat, message.lon, valid), altitude(message.alt, valid)
+    return Record.of(length, (*place, height, *counts), "GGA")
 
 
-def _place(latitude: Any, longitude: Any, valid: bool) -> tuple[Value, Value]:
+def position(latitude: Any, longitude: Any, valid: bool) -> tuple[Value, Value]:
+    """Latitude and longitude as reported, without a value unless both are; raises `ValueError`."""
     numbers = [_number(number) if valid else math.nan for number in (latitude, longitude)]
-    is_measured = all(math.isfinite(number) for number in numbers)
+    is_measured = all(map(math.isfinite, numbers))
     if is_measured and not (abs(numbers[0]) <= 90 and abs(numbers[1]) <= 180):
         raise ValueError("position is not on the Earth")
-    names = ("latitude", "longitude")
-    first, second = (
-        Value(number, "°", name, _quality(is_measured)) for number, name in zip(numbers, names, strict=True)
-    )
-    return first, second
+    return _value(numbers[0], "°", "latitude", is_measured), _value(numbers[1], "°", "longitude", is_measured)
+
+
+def altitude(number: Any, valid: bool) -> Value:
+    """The altitude as reported; raises `ValueError`."""
+    height_m = _number(number)
+    return _value(height_m, "m", "altitude", valid and math.isfinite(height_m))
 
 
 def _number(text: Any) -> float:
     return math.nan if text in ("", None) else float(text)
 
 
-def _quality(is_measured: bool) -> Quality:
-    return Quality.GOOD if is_measured else Quality.NO_VALUE
+def _value(number: float, unit: str, name: str, is_measured: bool) -> Value:
+    return Value(number, unit, name) if is_measured else Value(math.nan, unit, name, Quality.NO_VALUE)
 
 
 LAYOUT = Layout(parse, LONGEST)

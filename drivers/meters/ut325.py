@@ -23,8 +23,9 @@ from __future__ import annotations
 import math
 import re
 
+from fieldkit.drivers.connections import WaitingPort
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
-from fieldkit.drivers.framing import Framer, Line, Stamped
+from fieldkit.drivers.framing import Line
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.opening import close_on_failure
@@ -67,21 +68,14 @@ def parse(buffer: bytes) -> Parsed:
 LAYOUT = Layout(parse, LENGTH)
 
 
-class HidBridge:
-    """The CH9325 as a port for meters; see `fieldkit.drivers.ports.Port`.
-
-    libusb waits by itself, in slices of a fifth of a second.
-    """
-
-    byte_ns: int = LINE.byte_ns
+class HidBridge(WaitingPort):
+    """The CH9325 as a port for meters. libusb waits by itself, in slices of a fifth of a second."""
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, usb = pick_usb(settings, KINDS)
-        self.path: str = f"usb:{usb.path}"
-        self.identity: str = usb.as_text()
-        self.facts: dict[str, str] = {"line": str(LINE), "backend": "pyusb"}
-        self.framer: Framer = Framer(self.byte_ns)
-        self._clock = clock
+        facts = {"line": str(LINE), "backend": "pyusb"}
+        super().__init__(f"usb:{usb.path}", facts, clock, LINE.byte_ns)
+        self.identity = usb.as_text()
         close_on_failure(self.close)
         with usb_errors(self.path):
             if self._unit.is_kernel_driver_active(0):
@@ -95,28 +89,15 @@ class HidBridge:
         with usb_errors(self.path):
             self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
 
-    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or the reply to `request`; None if none is complete within `timeout_s`."""
-        if request:
-            self.framer.discard()
-            self.write(request)
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        stamped = self.framer.next_record(layout)
-        while stamped is None and self._clock.mono_ns() < deadline_ns:
-            report = self._report()
-            stamped = self.framer.feed(layout, characters(report), self._clock.mono_ns())
-        return stamped
-
     def close(self) -> None:
         """Release the bridge; a second call does nothing."""
         import usb.util
 
         usb.util.dispose_resources(self._unit)
 
-    def _report(self) -> bytes:
-        """The next report, empty if none comes for a while."""
+    def _receive(self, timeout_s: float) -> bytes:
         with usb_errors(self.path):
-            return read_until(self._unit, 0x82, 8, _READ_MS)
+            return characters(read_until(self._unit, 0x82, 8, _READ_MS))
 
 
 def characters(report: bytes) -> bytes:
