@@ -80,12 +80,10 @@ def _image(celsius: list[float] | None, length: int) -> DecodedFrame | Rejected:
 
 def _numbers(text: bytes) -> list[float] | None:
     """Numbers between commas and line ends, None if something else is among them."""
+    if not _NUMBERS.fullmatch(text):
+        return None
     try:
-        return (
-            [float(cell) for cell in re.split(rb"[,\n]", text) if cell.strip()]
-            if _NUMBERS.fullmatch(text)
-            else None
-        )
+        return [float(cell) for cell in re.split(rb"[,\n]", text) if cell.strip()]
     except ValueError:  # 21.5.3, or two numbers without a comma
         return None
 

@@ -115,14 +115,9 @@ def _long(buffer: bytes) -> Parsed:
         return Rejected(skip_to(_START, buffer), "data fields are not sign, digits, exponent")
     quality, states = _states(command, status)
     where = "" if head == "00" else f" head {head}"
+    is_known = not quality & Quality.NO_VALUE
     values = [
-        Value(
-            _number(match) if not quality & Quality.NO_VALUE else math.nan,
-            unit,
-            name + where,
-            quality,
-            states,
-        )
+        Value(_number(match) if is_known else math.nan, unit, name + where, quality, states)
         for (name, unit), match in zip(names, matches, strict=True)
         if match
     ]

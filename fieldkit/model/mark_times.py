@@ -58,7 +58,7 @@ def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
     watch that may be fast.
     """
     ends = [mark.at] if mark.to is None else [mark.at, mark.to]
-    moments = [_moment(end, now) for end in ends]
+    moments = [moment_of(end, now) for end in ends]
     start = datetime.fromtimestamp(start_ns // MINUTE_NS * 60, now.tzinfo) if start_ns else now - FAR
     for end, moment in zip(ends, moments, strict=True):
         if not start <= moment <= now + CLOCKS_DIFFER:
@@ -69,8 +69,10 @@ def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
         raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange begin and end")
 
 
-def _moment(when: When, now: datetime) -> datetime:
-    return datetime.fromisoformat(when) if isinstance(when, str) else now + timedelta(seconds=when)
+def moment_of(when: When, now: datetime) -> datetime:
+    """The time of a mark, in the zone of `now`."""
+    moment = datetime.fromisoformat(when) if isinstance(when, str) else now + timedelta(seconds=when)
+    return moment.astimezone(now.tzinfo)
 
 
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:

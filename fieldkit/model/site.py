@@ -7,7 +7,7 @@ normal from north, clockwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
@@ -223,6 +223,11 @@ class RegionRecord:
     region: Region
     time_ns: int
     is_removed: bool = False
+
+    def changed(self, regions: Iterable[Region]) -> tuple[Region, ...]:
+        """The regions with this outline in place of the one of its name, or without it."""
+        by_name = {region.name: region for region in regions} | {self.region.name: self.region}
+        return tuple(region for region in by_name.values() if not (self.is_removed and region is self.region))
 
 
 def _span(values: Sequence[float], size: int) -> slice:

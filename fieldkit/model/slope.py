@@ -79,25 +79,18 @@ class SlopeField:
     key: str
     unit: str
     description: str
-    heading: str
-    pair: str
-    short: str
-    digits: int
     unknown: float
+    heading: str
+    pair: str = ""
+    short: str = ""
+    digits: int = 1
 
 
-def _number(
-    description: str,
-    unit: str = "degree",
-    *,
-    heading: str = "",
-    pair: str = "",
-    short: str = "",
-    digits: int = 1,
-    unknown: float = NAN,
-) -> Any:
-    about = {"unit": unit, "description": description, "heading": heading, "pair": pair}
-    return field(default=unknown, metadata={**about, "short": short, "digits": digits, "unknown": unknown})
+def _number(description: str, unit: str = "degree", *, unknown: float = NAN, **about: str | int) -> Any:
+    """A field of `SlopeEstimate`; `about` are those of its `SlopeField` that are not as usual."""
+    return field(
+        default=unknown, metadata={"description": description, "unit": unit, "unknown": unknown, **about}
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +182,7 @@ class SlopeEstimate:
 
 def _field(key: str, about: Mapping[str, Any]) -> SlopeField:
     plain = f"{key.removesuffix('_deg').replace('_', ' ')} [deg]"
-    return SlopeField(key, **{**about, "heading": about["heading"] or plain})
+    return SlopeField(key, **{"heading": plain, **about})
 
 
 SLOPE_FIELDS: Mapping[str, SlopeField] = MappingProxyType(

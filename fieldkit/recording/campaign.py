@@ -21,7 +21,7 @@ from fieldkit.config.edit import editing
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 from fieldkit.drivers.instrument import Instrument
 from fieldkit.model.door import checked
-from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
+from fieldkit.model.errors import ConfigError, RefusedError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, zone_by_longitude
 from fieldkit.model.spelling import did_you_mean
@@ -29,6 +29,7 @@ from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_d
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.regions import Point, Rect, RegionProperties, add_region
+from fieldkit.results.result_files import writing
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import Settings, settings_from
 from fieldkit.results.sweep import Sweep, sweep
@@ -306,15 +307,13 @@ def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:
         raise RefusedError(
             "there already", place=file, fix="choose another folder; init never overwrites a campaign"
         )
-    try:
+    with writing(file):
         for name in FOLDERS:
-            (file.parent / name).mkdir(parents=True, exist_ok=True)
+            (file.parent / name).mkdir(exist_ok=True)
         file.write_text(text, encoding="utf-8")
         ignore = file.parent / ".gitignore"
         if not ignore.exists():
             ignore.write_text(GITIGNORE, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot make a campaign: {error.strerror}", place=folder) from error
     return Campaign(load_config(file))
 
 

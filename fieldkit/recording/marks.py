@@ -12,8 +12,8 @@ from zoneinfo import ZoneInfo
 
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.mark_times import parse_when, reject_outside, reject_unknown_region
-from fieldkit.model.marks import Mark, When, shade_test
+from fieldkit.model.mark_times import moment_of, parse_when, reject_outside, reject_unknown_region
+from fieldkit.model.marks import Mark, shade_test
 from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox, send_to_recorder
@@ -61,21 +61,15 @@ def mark_of(
 
 
 def _effect(mark: Mark, region: str, phase: str, now: datetime) -> str:
-    start = _moment(mark.at, now)
+    start = moment_of(mark.at, now)
     if mark.to is not None:
-        return f"{region} counts as shaded from {start:%H:%M} until {_moment(mark.to, now):%H:%M}"
+        return f"{region} counts as shaded from {start:%H:%M} until {moment_of(mark.to, now):%H:%M}"
     if phase == "end":
         return f"{region} counts as sunlit from {start:%H:%M}"
     latest = start + timedelta(seconds=mark.longest_s)
     return (
         f"{region} counts as shaded from {start:%H:%M} until you end it, at the latest until {latest:%H:%M}"
     )
-
-
-def _moment(when: When, now: datetime) -> datetime:
-    if isinstance(when, str):
-        return datetime.fromisoformat(when).astimezone(now.tzinfo)
-    return now + timedelta(seconds=when)
 
 
 def _regions_and_times(recordings: Path, config: Callable[[], Config]) -> tuple[list[str], datetime, int]:

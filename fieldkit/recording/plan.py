@@ -18,7 +18,7 @@ from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import components_named, is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.door import checked
-from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import RegionKind, Site, as_site
 from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
@@ -37,6 +37,7 @@ from fieldkit.recording.planned_session import (
     Prediction,
     predict_session,
 )
+from fieldkit.results.result_files import writing
 from fieldkit.results.sun_angles import checked_facets
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
@@ -244,22 +245,12 @@ class MeasuringPlan:
     def write(self, path: str | Path, prediction: Prediction | None = None) -> Path:
         """Write the plan as a page to print, led by the session if predicted; raises `StorageError`."""
         path = Path(path)
-        content = plan_page.page(
-            self.day_plan,
-            self.site,
-            f"Plan for {self.day}",
-            self.irradiance,
-            plan_page.Session(prediction.summary, prediction.table, prediction.course)
-            if prediction
-            else None,
+        session = (
+            plan_page.Session(prediction.summary, prediction.table, prediction.course) if prediction else None
         )
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        content = plan_page.page(self.day_plan, self.site, f"Plan for {self.day}", self.irradiance, session)
+        with writing(path):
             path.write_text(content, encoding="utf-8")
-        except OSError as error:
-            raise StorageError(
-                f"cannot write: {error.strerror}", place=path, fix="name a file that can be written"
-            ) from error
         return path
 
 

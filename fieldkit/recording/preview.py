@@ -21,7 +21,7 @@ from fieldkit.config import Config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.device import Camera, StreamInfo, regions_on
 from fieldkit.model.durations import as_seconds
-from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
+from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, Frame, Health, Reading, Sample, StreamHealth, is_showable
 from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
@@ -32,6 +32,7 @@ from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.record import MinuteView, PreparedRecording, config_of
 from fieldkit.recording.recordings import session_path
 from fieldkit.recording.running import WAITING_NAME, previewing
+from fieldkit.results.result_files import writing
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.views import frame_image
 
@@ -136,14 +137,9 @@ def write_png(path: Path, config: Config, instruments: Instruments) -> None:
     """
     frame = usable_frame(instruments)
     info = next(info for info in instruments.streams if info.name == frame.stream)
-    try:
-        path.write_bytes(
-            frame_image.png(frame, info, regions_on(info.name, config.regions, instruments.streams))
-        )
-    except OSError as error:
-        raise StorageError(
-            f"cannot write: {error.strerror}", place=path, fix="name a file that can be written"
-        ) from error
+    image = frame_image.png(frame, info, regions_on(info.name, config.regions, instruments.streams))
+    with writing(path):
+        path.write_bytes(image)
 
 
 def usable_frame(instruments: Instruments) -> Frame:

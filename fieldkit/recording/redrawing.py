@@ -69,17 +69,11 @@ class Redrawing:
         changes: dict[str, list[str]] = {}
         for record, what in list(_changes(self.regions, requested, since_ns)):
             yield record
-            self._follow(record)
+            self.regions = record.changed(self.regions)
+            self._names.add(record.region.name)
             changes.setdefault(what, []).append(record.region.name)
         data = {"request": request} | ({"from_ns": since_ns, **changes} if changes else {})
         yield _answer(mono_ns, time_ns, self._words(changes, since_ns), data)
-
-    def _follow(self, record: RegionRecord) -> None:
-        regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
-        if record.is_removed:
-            del regions[record.region.name]
-        self.regions = tuple(regions.values())
-        self._names.add(record.region.name)
 
     def _refusals(self, requested: Sequence[Region]) -> list[str]:
         """Mistakes of the regions requested that those of now do not have already."""

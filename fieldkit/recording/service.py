@@ -21,9 +21,10 @@ from pathlib import Path
 import platformdirs
 
 from fieldkit.config import Config
-from fieldkit.model.errors import ConfigError, RefusedError, StorageError
+from fieldkit.model.errors import ConfigError, RefusedError
 from fieldkit.model.next_step import Action, Argument, Step, Text
 from fieldkit.recording.preflight import Notify
+from fieldkit.results.result_files import writing
 
 NAME = "fieldkit.service"
 GROUPS = ("video", "dialout", "plugdev")
@@ -95,19 +96,10 @@ class Unit:
             raise ConfigError(
                 "has a control character", place=repr(str(self.campaign)), fix="rename the folder without it"
             )
-        return "\n".join(
-            [
-                self.header,
-                "[Unit]",
-                *self._unit(),
-                "",
-                "[Service]",
-                *self._service(),
-                "",
-                "[Install]",
-                *self._install(),
-            ]
-        )
+        target = "default.target" if self.owner is None else "multi-user.target"
+        sections = {"Unit": self._unit(), "Service": self._service(), "Install": [f"WantedBy={target}"]}
+        texts = ("\n".join([f"[{name}]", *lines]) for name, lines in sections.items())
+        return f"{self.header}\n" + "\n\n".join(texts) + "\n"
 
     def _unit(self) -> Iterator[str]:
         yield f"Description=fieldkit in {_verbatim(self.campaign)}"
@@ -161,10 +153,6 @@ class Unit:
         yield "StateDirectory=fieldkit"
         yield "# the home folder is read-only"
         yield "Environment=XDG_CACHE_HOME=%C/fieldkit XDG_STATE_HOME=%S/fieldkit MPLCONFIGDIR=%C/fieldkit"
-
-    def _install(self) -> Iterator[str]:
-        yield f"WantedBy={'default.target' if self.owner is None else 'multi-user.target'}"
-        yield ""
 
 
 def is_temporary(folder: Path) -> bool:
@@ -234,7 +222,8 @@ def install_service(unit: Unit, notify: Notify = log.warning) -> Path:
             place=NAME,
             fix=manager.removal + ", then install it",
         )
-    _write(manager.unit, text)
+    with writing(manager.unit):
+        manager.unit.write_text(text, encoding="utf-8")
     manager.systemctl("daemon-reload")
     manager.systemctl("enable", NAME)
     manager.systemctl("restart", "--no-block", NAME)
@@ -320,14 +309,6 @@ def _need_rights(system: bool, command: str) -> None:
         raise RefusedError(
             "this would be a service of user root", fix="run it without sudo, or with " + Argument("system")
         )
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot write: {error.strerror}", place=path) from error
 
 
 def _installed_elsewhere(system: bool) -> Text:

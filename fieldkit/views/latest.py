@@ -100,7 +100,7 @@ class Latest:
     def update(self, item: Item) -> None:
         """Replace the previous item of the same kind."""
         if isinstance(item, RegionRecord):
-            self._redraw(item)
+            self.regions = item.changed(self.regions)
             return
         self.time_ns = max(self.time_ns, item.time_ns)
         self.start_ns = self.start_ns or item.time_ns
@@ -115,12 +115,6 @@ class Latest:
             self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
         else:
             self.minute, self.trend = item, self.trend.plus(item)
-
-    def _redraw(self, record: RegionRecord) -> None:
-        regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
-        if record.is_removed:
-            del regions[record.region.name]
-        self.regions = tuple(regions.values())
 
     def _add_event(self, event: Event) -> None:
         self.events = tuple(formatting.by_time((*self.events, event))[-EVENTS_KEPT:])
