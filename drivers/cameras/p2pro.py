@@ -86,15 +86,11 @@ def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
     requested: list[CameraSetting] = []
     if gain := options.text(settings, "gain", "", ("", *GAINS)):
         requested.append(CameraSetting("gain", gain, PROPERTIES, GAIN, GAINS.index(gain)))
-    emissivity = options.number(settings, "emissivity", math.nan, (1 / PER_UNIT, 1.0))
-    if not math.isnan(emissivity):
-        counts = round(emissivity * PER_UNIT)
-        requested.append(CameraSetting("emissivity", emissivity, PROPERTIES, EMISSIVITY, counts, slack=1))
-    distance_m = options.number(settings, "distance_m", math.nan, (0.0, LONGEST_M))
-    if not math.isnan(distance_m):
-        requested.append(
-            CameraSetting("distance_m", distance_m, PROPERTIES, DISTANCE, round(distance_m * PER_UNIT))
-        )
+    of_emissivity, of_distance = (EMISSIVITY, (1 / PER_UNIT, 1.0), 1), (DISTANCE, (0.0, LONGEST_M), 0)
+    for key, (item, within, slack) in {"emissivity": of_emissivity, "distance_m": of_distance}.items():
+        if not math.isnan(value := options.number(settings, key, math.nan, within)):
+            counts = round(value * PER_UNIT)
+            requested.append(CameraSetting(key, value, PROPERTIES, item, counts, slack))
     if "auto_shutter" in settings.options:
         on = options.flag(settings, "auto_shutter", True)
         requested.append(CameraSetting("auto_shutter", on, AUTO_SHUTTER, 0, int(on)))

@@ -60,7 +60,8 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     """A frame by its byte count; `default_scale` (K per count) is for frames without telemetry."""
     shape = SHAPES.get(len(data))
     if shape is None:
-        return Rejected(len(data), f"{len(data)} bytes; a Lepton's frame has {_sizes()}")
+        sizes = " or ".join(map(str, sorted(SHAPES)))
+        return Rejected(len(data), f"{len(data)} bytes; a Lepton's frame has {sizes}")
     pixels, height = pixel_view(data, shape), IMAGE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
@@ -84,10 +85,6 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
 def _ends(counts: CountArray, scale: float) -> tuple[int, int]:
     """The range of pixels; above 14 bits TLinear must be on, whatever the scale."""
     return WORD_ENDS if scale > 0 or counts.max() > COUNTS_ENDS[1] else COUNTS_ENDS
-
-
-def _sizes() -> str:
-    return " or ".join(str(size) for size in sorted(SHAPES))
 
 
 class PureThermal(CameraDriver):

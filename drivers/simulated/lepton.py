@@ -40,7 +40,6 @@ _ANNOUNCED_NS = 2_000_000_000
 class ShutterState(enum.IntEnum):
     """As in the telemetry."""
 
-    NEVER = 0
     IMMINENT = 1
     RUNNING = 2
     DONE = 3

@@ -15,10 +15,11 @@ from fieldkit.config.files import read_text
 from fieldkit.disk import replacing
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.results.result_files import writing
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, notify_damage, reading
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
@@ -47,11 +48,8 @@ def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
 
 def write_lines(path: Path, lines: Sequence[str]) -> None:
     """Replace a file by these lines; raises `StorageError`."""
-    try:
-        with replacing(path, synced=False) as file:
-            file.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot write: {error.strerror or error}", place=path) from error
+    with writing(path), replacing(path, synced=False) as file:
+        file.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 @contextmanager

@@ -13,8 +13,8 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.files import KeyPath, is_toml, key_lines, read_text, toml_lines
-from fieldkit.config.load import mistakes_in, parse_toml
+from fieldkit.config.files import KeyPath, is_toml, key_lines, parse_toml, read_text, toml_lines
+from fieldkit.config.load import mistakes_in
 from fieldkit.config.template import assignment
 from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing

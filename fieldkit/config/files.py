@@ -33,6 +33,14 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
         raise ConfigError(f"not UTF-8 text: {error.reason}", place=file, fix="save it as UTF-8") from error
 
 
+def parse_toml(text: str, file: Path) -> dict[str, Any]:
+    """The plain document of a file's text; raises `ConfigError` if that is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit {file}") from error
+
+
 def find_campaign(start: Path) -> Path:
     """The ``fieldkit.toml`` of `start` or of the nearest folder above it.
 

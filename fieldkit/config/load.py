@@ -20,7 +20,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.config import Config
 from fieldkit.config.defaults import KIND, forget_defaults_of_kind
-from fieldkit.config.files import KeyPath, key_lines, read_text, regions_in, table_in
+from fieldkit.config.files import KeyPath, key_lines, parse_toml, read_text, regions_in, table_in
 from fieldkit.config.references import resolve, with_horizons
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
@@ -103,14 +103,6 @@ def changed_config(config: Config, settings: Sequence[str]) -> Config:
     document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
     document.set(settings)
     return _without_mistakes(*document.check(config.path), fix=f"correct the settings for {config.path.name}")
-
-
-def parse_toml(text: str, file: Path) -> dict[str, Any]:
-    """The plain document of a file's text; raises `ConfigError` if that is not TOML."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit {file}") from error
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:

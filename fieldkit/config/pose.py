@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,7 +18,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fieldkit.config.files import read_text, table_in
+from fieldkit.config.files import parse_toml, read_text, table_in
 from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_schema import PoseTable, describe_value, node_at
 from fieldkit.config.validation import Mistake
@@ -225,11 +224,7 @@ def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
 
 
 def _table_in(path: Path) -> PoseTable:
-    try:
-        values = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(error), place=path, fix=f"correct the pose in {path}") from error
-    return pose_table(values, path)
+    return pose_table(parse_toml(read_text(path), path), path)
 
 
 def pose_table(values: dict[str, Any], path: Path) -> PoseTable:

@@ -102,7 +102,7 @@ class BackgroundRecording:
         deadline = time.monotonic() + limit_s
         while time.monotonic() < deadline:
             if self.has_ended:
-                raise self._failure()
+                raise command_error(self._error_text(), "the recording ended at once")
             session = session_in_progress(recordings)
             if session is not None and owner(journal_path(session)) == self.pid:
                 return session
@@ -122,9 +122,6 @@ class BackgroundRecording:
     def _error_text(self) -> str:
         self._errors.seek(0)
         return self._errors.read().decode(errors="replace")
-
-    def _failure(self) -> RefusedError:
-        return command_error(self._error_text(), "the recording ended at once")
 
 
 def command_error(printed: str, otherwise: str) -> RefusedError:

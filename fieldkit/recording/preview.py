@@ -1,6 +1,6 @@
 """Preview: what the instruments measure now, without recording.
 
-`live` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame; a
+`live` shows samples, minutes and slopes to views as a recording would; `usable_frame` reads one frame; a
 recorder that waits for its time shows its instruments by `await_begin`.
 """
 
@@ -112,15 +112,6 @@ def await_begin(
     included = Included(start_ns, chain(samples, preview.left_samples()), readers)
     path = session_path(prepared.config, prepared.name, clock.to_utc_ns(start_ns))
     return replace(prepared, included=included, path=path)
-
-
-def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
-    """The camera's next usable frame.
-
-    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no usable frame arrives.
-    """
-    with open_instruments(config_of(campaign), allow_missing=True) as instruments:
-        return usable_frame(instruments)
 
 
 def missing_instruments(config: Config, streams: Iterable[StreamInfo]) -> list[str]:

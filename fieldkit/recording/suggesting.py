@@ -50,7 +50,7 @@ def suggest_regions(
 ) -> list[SuggestedRegion]:
     """Regions found in the first frames of a session, of the running recording, or in the camera's next ones.
 
-    Nothing is written. Raises `NoAnswerError` if there is none, and as `current_frame`; `SessionError` if the
+    Nothing is written. Raises `NoAnswerError` if there is none, and as `usable_frame`; `SessionError` if the
     session has no frame with temperatures.
 
     Examples

@@ -113,7 +113,7 @@ def test_sibling_of_another_record_is_named(wire):
     wire.reply({b"K": b"303\r"})
     with pytest.raises(DeviceNotFoundError, match="Center 303") as caught:
         Center309().open(settings(wire), HostClock())
-    assert caught.value.fix == 'driver = "center-303"'
+    assert 'driver = "center-303"' in caught.value.fix
 
 
 @pytest.mark.usefixtures("impatient")
