@@ -97,7 +97,7 @@ _HINT = "switch the thermometer on and check its cable; it replies only while no
 def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if len(buffer) < LENGTH or buffer[0] != 0x02 or buffer[44] != 0x03:
-        return _no_record(buffer)
+        return _no_record(buffer, LENGTH)
     counts = _COUNTS.unpack_from(buffer, 7)
     is_open = OPEN_PROBE[0] in counts or OPEN_PROBE[1] in counts
     without = tuple([count in OPEN_PROBE for count in counts]) if is_open else _ALL_MEASURE
@@ -111,12 +111,12 @@ def parse(buffer: bytes) -> Parsed:
     return Record(LENGTH, numbers, channels)
 
 
-def _no_record(buffer: bytes) -> Rejected | None:
+def _no_record(buffer: bytes, length: int) -> Rejected | None:
     if not buffer.startswith(_START):
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
-    if len(buffer) < LENGTH:
+    if len(buffer) < length:
         return None
-    return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
+    return Rejected(skip_to(_START, buffer), f"no 03 at the end of {length} bytes")
 
 
 Meaning = tuple[tuple[Channel, ...], tuple[float, ...], float, float]
@@ -241,12 +241,8 @@ def parse_one_probe(buffer: bytes) -> Parsed:
 
 
 def _parse_short(buffer: bytes, probes: int) -> Parsed:
-    if not buffer.startswith(_START):
-        return Rejected(skip_to(_START, buffer), "does not begin with 02")
-    if len(buffer) < SHORT_LENGTH:
-        return None
-    if buffer[7] != 0x03:
-        return Rejected(skip_to(_START, buffer), "no 03 at the end of 8 bytes")
+    if len(buffer) < SHORT_LENGTH or buffer[0] != 0x02 or buffer[7] != 0x03:
+        return _no_record(buffer, SHORT_LENGTH)
     names = WINDOWS[buffer[2] >> 6] if probes == 2 else ("T1",)
     values = [_value(buffer, place, name) for place, name in enumerate(names)]
     present = [value for value in values if value is not None]

@@ -53,9 +53,9 @@ def command(png: Path | None, duration_s: float | None, theme: ThemeName, settin
 
 def _report_enlargement(instruments: Instruments) -> None:
     """Print that the image is enlarged: its axes count the camera's pixels, not the file's."""
-    from fieldkit.model.device import frame_shapes
+    from fieldkit.model.device import cameras_by_name
     from fieldkit.views import frame_image
 
-    rows, cols = frame_shapes(instruments.streams)[""]
+    rows, cols = cameras_by_name(instruments.streams)[""].shape
     factor = frame_image.enlargement((rows, cols))
     common.say(f"{cols} x {rows} pixels, enlarged {factor} times; the axes count camera pixels, as roi does")

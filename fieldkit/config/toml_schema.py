@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
@@ -22,6 +22,7 @@ from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.durations import times_of_day
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.light_meter import ConfiguredKind, Diffuse, Mounting
 from fieldkit.model.quantities import LIMITS, Component, Quantity
 from fieldkit.model.site import ELEVATIONS_M, Region, RegionKind
@@ -43,10 +44,7 @@ Point = Annotated[list[Pixel], Field(min_length=2, max_length=2)]
 GroundPoint = Annotated[list[Easting], Field(min_length=2, max_length=3)]
 HorizonPoint = Annotated[tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]], Field(strict=False)]
 
-Fault = Literal[
-    "cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock",
-    "silent", "overrange", "moved", "shade", "drift",
-]  # fmt: skip
+Fault = Annotated[FaultKind, Field(strict=False, description="")]
 ConditionName = Annotated[Condition, Field(strict=False, description="")]
 SeverityWord = Literal["info", "warning", "error"]
 
@@ -359,7 +357,7 @@ class SimulationTable(Table):
     drawn: bool = _key(
         False, "the seed also draws sand, heat exchange, gusts, sky and the light meter's error"
     )
-    faults: list[Fault] = _key([], f"faults to simulate: any of {', '.join(get_args(Fault))}")
+    faults: list[Fault] = _key([], f"faults to simulate: any of {', '.join(FaultKind)}")
     sand_depth_m: float = _key(0.02, "depth of the sand above the insulating sheet", ge=0.001, le=1)
     albedo: float = _key(0.20, "true albedo of the sand", ge=0, lt=1)
     emissivity: Fraction = _key(0.90, "true emissivity of the sand")

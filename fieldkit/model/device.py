@@ -101,11 +101,11 @@ def find_camera(streams: Iterable[StreamInfo], name: str = "") -> StreamInfo | N
     return min(cameras, key=lambda info: not info.is_radiometric, default=None)
 
 
-def frame_shapes(streams: Iterable[StreamInfo]) -> dict[str, tuple[int, ...]]:
-    """Rows and columns of each camera's frames by its name; of the first camera also by ""."""
+def cameras_by_name(streams: Iterable[StreamInfo]) -> dict[str, StreamInfo]:
+    """The cameras by name, and the first of them also by ""."""
     streams = tuple(streams)
     names = ("", *(info.name for info in streams))
-    return {name: camera.shape for name in names if (camera := find_camera(streams, name)) is not None}
+    return {name: camera for name in names if (camera := find_camera(streams, name)) is not None}
 
 
 def regions_on(stream: str, regions: Iterable[Region], streams: Iterable[StreamInfo]) -> tuple[Region, ...]:

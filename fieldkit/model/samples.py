@@ -76,13 +76,10 @@ def is_usable(flags: int | AnyIntArray) -> bool | BoolArray:
     return (flags & _UNUSABLE_BITS) == 0
 
 
-@overload
-def is_damaged(flags: int) -> bool: ...
-@overload
-def is_damaged(flags: AnyIntArray) -> BoolArray: ...
-def is_damaged(flags: int | AnyIntArray) -> bool | BoolArray:
+def is_damaged(flags: AnyIntArray) -> BoolArray:
     """True if stored bytes do not match their checksum: the numbers are not those that were measured."""
-    return (flags & int(Quality.BAD_CRC)) != 0
+    damaged: BoolArray = (flags & int(Quality.BAD_CRC)) != 0
+    return damaged
 
 
 def is_showable(flags: int) -> bool:

@@ -15,7 +15,7 @@ from fieldkit.config.edit import Draft
 from fieldkit.drivers import registry
 from fieldkit.estimation.region_check import CameraView, RegionInspection, check_regions, pixel_noise_k
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.device import StreamInfo, find_camera
+from fieldkit.model.device import StreamInfo, cameras_by_name, find_camera
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Sample, is_usable
@@ -156,9 +156,8 @@ def inspect_regions(config: Config, session: Path | None = None) -> list[RegionI
 
 def camera_views(config: Config, streams: Iterable[StreamInfo]) -> dict[str, CameraView]:
     """The view of each camera that is open by its name, with its driver's noise; of the first also by ""."""
-    streams = tuple(streams)
-    cameras = ((name, find_camera(streams, name)) for name in ("", *(info.name for info in streams)))
-    return {name: _view(config, info.shape, info.driver) for name, info in cameras if info is not None}
+    cameras = cameras_by_name(streams).items()
+    return {name: _view(config, info.shape, info.driver) for name, info in cameras}
 
 
 def _view(config: Config, shape: tuple[int, ...], driver: str) -> CameraView:

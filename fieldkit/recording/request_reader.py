@@ -109,11 +109,9 @@ def left_requests(folder: Path) -> list[Event]:
     acknowledgements can still be kept. Raises `StorageError`.
     """
     files = [*_oldest_first(closed_inbox(folder)), *_oldest_first(folder)]
-    return [replace(_leftover_event(file, file.stat().st_mtime_ns), mono_ns=0) for file in files]
-
-
-def _leftover_event(file: Path, sent_ns: int) -> Event:
-    return _answer(_read(file, 0, sent_ns), file.stem, 0, sent_ns)
+    sent_ns = {file: file.stat().st_mtime_ns for file in files}
+    events = [_answer(_read(file, 0, sent_ns[file]), file.stem, 0, sent_ns[file]) for file in files]
+    return [replace(event, mono_ns=0) for event in events]
 
 
 def _answer(request: Request | Event, number: str, mono_ns: int, time_ns: int) -> Event:

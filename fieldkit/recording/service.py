@@ -288,16 +288,12 @@ class _Manager:
         return "log in as this user, not by su or sudo; or install a system service"
 
 
-def _need_systemd() -> None:
+def _need_rights(system: bool, command: str) -> None:
     if not SYSTEMD_RUNS.is_dir():
         raise RefusedError(
             "systemd does not run on this computer, so there is no service",
             fix="start the page, or a recording, by hand or by this computer's own init program",
         )
-
-
-def _need_rights(system: bool, command: str) -> None:
-    _need_systemd()
     is_root = os.geteuid() == 0
     if system and not is_root:
         raise RefusedError(

@@ -18,7 +18,6 @@ from fieldkit.drivers.simulated import CAMERAS, SimulatedField
 from fieldkit.drivers.simulated.lepton import frame_shape
 from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
@@ -84,7 +83,7 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     if simulation.start is not None:
         start_ns = round(simulation.start.timestamp()) * SECOND_NS
     facets, probed = _facets(config, simulation)
-    faults = tuple(_fault(name) for name in simulation.faults)
+    faults = tuple(map(Fault, simulation.faults))
     sky = _sky(config, simulation.weather, start_ns)
     motion = _motion(simulation)
     scene = Scene(
@@ -219,16 +218,6 @@ def _motion(simulation: SimulationTable) -> Motion | None:
     drift_x, drift_y = simulation.drift_px
     motion = Motion((drift_x, drift_y), simulation.pan_deg, simulation.jitter_px)
     return None if motion == Motion() else motion
-
-
-def _fault(name: str) -> Fault:
-    try:
-        return Fault(FaultKind(name))
-    except ValueError as error:
-        names = ", ".join(FaultKind)
-        raise ConfigError(
-            f"there is no fault {name!r}", place="simulation.faults", fix=f"choose a simulated fault: {names}"
-        ) from error
 
 
 def _sky(config: Config, weather: str, start_ns: int) -> Sky:

@@ -18,7 +18,7 @@ from fieldkit.config.toml_schema import RegionOutline, RegionOutlines, known_key
 from fieldkit.config.validation import explain
 from fieldkit.disk import sha256
 from fieldkit.estimation.region_check import CameraView, check_regions
-from fieldkit.model.device import frame_shapes
+from fieldkit.model.device import cameras_by_name
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.marks import numbers_named
 from fieldkit.model.next_step import Action, Text
@@ -134,8 +134,8 @@ def source_of(
 
 def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
-    shapes = frame_shapes(tuple(session.streams.values()))
-    checks = check_regions(regions, {name: CameraView(shape) for name, shape in shapes.items()})
+    cameras = cameras_by_name(session.streams.values())
+    checks = check_regions(regions, {name: CameraView(info.shape) for name, info in cameras.items()})
     if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
         raise ConfigError(
             "; ".join(failures), place=session.path, fix="draw them again on the session's frames"

@@ -19,7 +19,7 @@ from fieldkit.model.arrays import ByteArray, CountArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action, Argument
-from fieldkit.model.samples import Frame, is_damaged
+from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, known_zone
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
@@ -217,7 +217,7 @@ def _frames(
     for sample in session.samples(camera):
         on_frame()
         is_chosen = sample.seq % every == 0 and begin_ns <= sample.time_ns <= end_ns
-        if isinstance(sample, Frame) and is_chosen and not is_damaged(sample.quality):
+        if isinstance(sample, Frame) and is_chosen and Quality.BAD_CRC not in sample.quality:
             yield sample
 
 
@@ -270,7 +270,7 @@ def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
     """
     reader, length = session.stream(info.name), session.count(info.name)
     frames = (reader.frame(row) for row in range(0, length, max(1, length // 50)))
-    images = [_values(frame, info) for frame in frames if not is_damaged(frame.quality)]
+    images = [_values(frame, info) for frame in frames if Quality.BAD_CRC not in frame.quality]
     ends = np.array([np.nanpercentile(values, (1, 99)) for values in images if np.isfinite(values).any()])
     if not len(ends):
         raise ConfigError("no frames", place=session.path, fix=_TABLES)

@@ -20,7 +20,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
-from fieldkit.model.samples import Event, EventKind, Sample, Severity, is_damaged
+from fieldkit.model.samples import Event, EventKind, Quality, Sample, Severity, is_damaged
 from fieldkit.model.site import Region, apart_m
 from fieldkit.sessions.formats import merged
 from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, free_name
@@ -85,7 +85,7 @@ def recording_of(
 
     def samples() -> Iterator[Sample]:
         for sample in other.samples():
-            if not is_damaged(sample.quality):
+            if Quality.BAD_CRC not in sample.quality:
                 time_ns = sample.time_ns + clock.offset_ns
                 yield sample._replace(stream=names[sample.stream], time_ns=time_ns)
 
