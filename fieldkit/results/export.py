@@ -14,8 +14,7 @@ from typing import Any, overload
 
 from fieldkit.config import find_campaign
 from fieldkit.config.edit import editing, set_key
-from fieldkit.config.files import read_text
-from fieldkit.config.load import parse_toml
+from fieldkit.config.files import parse_toml, read_text
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
