@@ -37,7 +37,7 @@ def _line(scenario: Scenario, cell: Cell, worlds: Sequence[Outcome]) -> str:
         row.worlds,
         f"{row.error_deg:.2f}°",
         _text(cell.must_deg, "g", "°"),
-        f"{row.held_percent:.0f} % ({low:.0f}–{high:.0f})",
+        "refused" if math.isnan(row.held_percent) else f"{row.held_percent:.0f} % ({low:.0f}–{high:.0f})",
         f"{row.half_deg:.1f}°",
         _text(cell.half_deg, "g", "°"),
         f"{row.over_calibrated:.2f}",
