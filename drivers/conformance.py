@@ -60,8 +60,8 @@ def check_driver(
     driver: Driver, clock: Clock, settings: DeviceSettings | None = None, cable: Cable | None = None
 ) -> Iterator[Outcome]:
     """Run the suite; `settings` names an instrument to open, `cable` unplugs it; None skips that part."""
-    for what, check in _metadata(driver):
-        yield _outcome(what, check)
+    yield _outcome("it describes itself", lambda: _describes(driver))
+    yield _outcome("it finds instruments", lambda: _finds(driver))
     yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
     yield _outcome("a missing instrument is reported as missing", lambda: _missing(driver, clock))
     if settings is None:
@@ -86,24 +86,20 @@ def _need(fact: bool, message: str) -> None:
         raise CheckError(message)
 
 
-def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
-    def describes() -> str:
-        for attribute in ("name", "title", "quantity"):
-            text = getattr(driver, attribute, None)
-            _need(isinstance(text, str) and bool(text), f"{attribute} is {text!r}, not a text")
-        return f"{driver.name}: {driver.title}"
+def _describes(driver: Driver) -> str:
+    for attribute in ("name", "title", "quantity"):
+        text = getattr(driver, attribute, None)
+        _need(isinstance(text, str) and bool(text), f"{attribute} is {text!r}, not a text")
+    return f"{driver.name}: {driver.title}"
 
-    def finds() -> str:
-        devices: object = driver.find()
-        if not isinstance(devices, list) or not all(
-            isinstance(device, DiscoveredDevice) for device in devices
-        ):
-            raise CheckError("find() gives no list of DiscoveredDevice")
-        strange = [device.driver for device in devices if device.driver != driver.name]
-        _need(not strange, f"find() returns devices of {strange}")
-        return f"{len(devices)} connected"
 
-    return [("it describes itself", describes), ("it finds instruments", finds)]
+def _finds(driver: Driver) -> str:
+    devices: object = driver.find()
+    if not isinstance(devices, list) or not all(isinstance(device, DiscoveredDevice) for device in devices):
+        raise CheckError("find() gives no list of DiscoveredDevice")
+    strange = [device.driver for device in devices if device.driver != driver.name]
+    _need(not strange, f"find() returns devices of {strange}")
+    return f"{len(devices)} connected"
 
 
 def _bytes(driver: Driver) -> str:

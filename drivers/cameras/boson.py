@@ -26,7 +26,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import Decode, DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, skip_to, text_of
 from fieldkit.drivers.framing import Line
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
@@ -91,8 +91,7 @@ def unpack(frame: bytes) -> Message | str:
 def parse(buffer: bytes) -> Parsed:
     """The packet at the start of `buffer`."""
     if buffer[0] != START:
-        place = buffer.find(bytes([START]))
-        return Rejected(place if place > 0 else len(buffer), "does not begin with 8E")
+        return Rejected(skip_to(bytes([START]), buffer), "does not begin with 8E")
     end = buffer.find(bytes([END]))
     if end < 0:
         return None

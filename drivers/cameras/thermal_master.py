@@ -234,15 +234,12 @@ class ThermalMaster(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open whichever of the family is there."""
         model = options.text(settings, "model", "auto", MODELS)
-        if settings.source is None and (model == "bulk" or (model == "auto" and not _has_video(settings))):
-            source = BulkSource(settings, clock)
-            handle = OpenedSource(source, settings.identity or source.usb.as_text(), source.usb)
-            return self._start(settings, clock, handle, source)
-        return self._start(settings, clock, open_source(settings, WANTED, clock), None)
-
-    def _start(
-        self, settings: DeviceSettings, clock: Clock, handle: OpenedSource, bulk: BulkSource | None
-    ) -> camera.ThermalCamera:
+        is_video = settings.source is not None or model == "p2" or (model == "auto" and _has_video(settings))
+        bulk = None if is_video else BulkSource(settings, clock)
+        if bulk is None:
+            handle = open_source(settings, WANTED, clock)
+        else:
+            handle = OpenedSource(bulk, settings.identity or bulk.usb.as_text(), bulk.usb)
         first = camera.first_frame(handle.source, decode, settings.name, clock)
         facts = _facts(bulk)
         info = camera.describe(settings, handle, first, facts, vendor="Thermal Master", rate_hz=p2pro.RATE_HZ)

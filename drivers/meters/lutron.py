@@ -99,8 +99,7 @@ def _unit_shown(port: Port, first: Stamped) -> str:
     while stamped is not None and (x := stamped.record.channels[0]).name not in units:
         units[x.name] = x.unit
         stamped = port.read(LAYOUT, meter.FIRST_RECORD_S) if x.unit not in LIGHT else None
-    readable = sorted(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
-    return readable[0]
+    return min(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
 
 
 class Lutron(SerialDriver):

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from importlib.metadata import Distribution
 
 DISTRIBUTION = "fieldkit-slope"
 """Name in package indexes, where ``fieldkit`` is another project."""
@@ -45,23 +41,17 @@ def _commit_of(checkout: Path) -> str:
 
 def _installation_source() -> str:
     """The distribution installed, as the installer recorded it (PEP 610, PEP 627)."""
+    import json
     from importlib.metadata import PackageNotFoundError, distribution  # 20 ms
 
     try:
         installed = distribution(DISTRIBUTION)
     except PackageNotFoundError:
         return f"source {PACKAGE.parent}"
-    url = _direct_url(installed)
+    recorded = installed.read_text("direct_url.json")  # none if it came from an index
     installer = (installed.read_text("INSTALLER") or "an unknown installer").strip()
-    if url is None:
+    if not recorded:
         return "Debian package" if installer == "dpkg" else f"installed by {installer} from a package index"
+    url = str(json.loads(recorded)["url"])
     kind = "wheel" if url.endswith(".whl") else "source"
     return f"{kind} {url.removeprefix('file://')}"
-
-
-def _direct_url(found: Distribution) -> str | None:
-    """Address from which the installer took the package; None if it came from an index."""
-    import json
-
-    recorded = found.read_text("direct_url.json")
-    return str(json.loads(recorded)["url"]) if recorded else None

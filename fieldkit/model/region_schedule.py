@@ -37,18 +37,15 @@ class RegionSchedule:
 
     def with_record(self, record: RegionRecord) -> RegionSchedule:
         """The schedule with a region added, redrawn or removed; the same one where nothing changes."""
-        minute, column = -(-record.time_ns // MINUTE_NS), self._current(record.region.name)
-        if (
-            column is not None
-            and not record.is_removed
-            and _is_same_place(self.columns[column], record.region)
-        ):
+        minute, region = -(-record.time_ns // MINUTE_NS), record.region
+        column = self._current(region.name)
+        if column is not None and not record.is_removed and _is_same_place(self.columns[column], region):
             # a slope measured afterwards is only compared with: learning goes on
-            return replace(self, columns=_with(self.columns, column, record.region))
+            return replace(self, columns=_with(self.columns, column, region))
         ended = self if column is None else replace(self, until=_with(self.until, column, minute))
         if record.is_removed:
             return ended
-        return RegionSchedule((*ended.columns, record.region), (*ended.since, minute), (*ended.until, _NEVER))
+        return RegionSchedule((*ended.columns, region), (*ended.since, minute), (*ended.until, _NEVER))
 
     def at(self, minute: int) -> IntArray:
         """Columns that hold in a minute, in the order in which their names came first."""

@@ -9,9 +9,8 @@ import logging
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from threading import Thread
 from threading import enumerate as enumerate_threads
@@ -78,33 +77,27 @@ def open_instruments(
             place=config.path,
             fix=Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml",
         )
-    free_here = partial(free_bytes, config.recordings)
-    if not any(settings.port == SIMULATED for settings in config.devices):
-        with _open_together(config.devices, HostClock(), free_here, allow_missing) as opened:
-            yield opened
-        return
-    from fieldkit.recording.simulated_scene import simulated_field
+    clock: Clock = HostClock()
+    by_name = {settings.name: settings for settings in config.devices}
+    space_left: Callable[[int], int] = int  # all of it, unless a simulated fault takes it away
+    with ExitStack() as opened:
+        if any(settings.port == SIMULATED for settings in config.devices):
+            from fieldkit.recording.simulated_scene import simulated_field
 
-    with simulated_field(config, duration_s or OPEN_END_S, simulated_from_ns) as (clock, field):
-        plugged = [field.plug(settings) for settings in config.devices]
-        with _open_together(
-            plugged, clock, lambda: field.disk_free_bytes(free_here()), allow_missing
-        ) as opened:
-            yield opened
-
-
-@contextmanager
-def _open_together(
-    settings: Sequence[DeviceSettings], clock: Clock, free: Callable[[], int], allow_missing: bool
-) -> Iterator[Instruments]:
-    by_name = {setting.name: setting for setting in settings}
-    devices = open_all(settings, clock, allow_missing=allow_missing)
-    try:
+            simulation = simulated_field(config, duration_s or OPEN_END_S, simulated_from_ns)
+            clock, field = opened.enter_context(simulation)
+            by_name = {name: field.plug(settings) for name, settings in by_name.items()}
+            space_left = field.disk_free_bytes
+        devices = open_all(tuple(by_name.values()), clock, allow_missing=allow_missing)
+        opened.callback(_close_all, devices)
         # a simulated clock would stand still while another thread opens the instrument; no cable is simulated
         reopen = open_in_time if clock.is_real else registry.open_device
-        yield Instruments(devices, clock, lambda name: reopen(by_name[name], clock), free)
-    finally:
-        _close_all(devices)
+        yield Instruments(
+            devices,
+            clock,
+            reopen=lambda name: reopen(by_name[name], clock),
+            free_bytes=lambda: space_left(free_bytes(config.recordings)),
+        )
 
 
 def open_all(

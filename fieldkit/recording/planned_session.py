@@ -196,10 +196,8 @@ def predict_session(session: PlannedSession) -> Prediction:
     """
     history, regions = _simulated_minutes(session), _regions(session)
     # by the minutes themselves: whatever simulates them otherwise asks for another estimate
-    cache, key = (
-        Cache(),
-        digest(session.settings, regions, *(column.tobytes() for column in astuple(history))),
-    )
+    cache = Cache()
+    key = digest(session.settings, regions, *(column.tobytes() for column in astuple(history)))
     if (entry := cache.load(key)) is not None:
         return Prediction(session, of_text(tuple[Expected, ...], entry["rows"]))
     rows = tuple(_estimated(session, regions, history))
