@@ -8,7 +8,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 from zoneinfo import ZoneInfo
 
 from fieldkit.config import Config, find_campaign, load_config
@@ -32,10 +32,11 @@ from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
 from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
 from fieldkit.sessions.formats.logger_clock import Keep
-from fieldkit.sessions.formats.logs import LogOptions, read_log
+from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import Alignment, align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
+from fieldkit.sessions.formats.tables import LogOptions
 from fieldkit.sessions.formats.unread import refuse_unread
 from fieldkit.sessions.layout import SessionHeader, is_stream_name
 from fieldkit.sessions.reader import SessionReader
@@ -137,7 +138,6 @@ class ImportOptions:
             (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", 0.01, "; NaN (none) if not known"),
             (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", 273.15, ""),
             (not math.isfinite(offset_s), "offset_s", 83, ", or auto"),
-            (self.keep not in (None, *get_args(Keep)), "keep", "first", ", or last"),
             (not components <= {"", *COMPONENTS}, "measures", "ghi", f", of {', '.join(COMPONENTS)}"),
         ):
             if is_wrong:

@@ -25,14 +25,8 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import POWER, Unit, meaning_of, unknown_meaning
 from fieldkit.model.samples import Frame, Sample, Severity
 from fieldkit.physics.camera_laws import NO_VALUE
-from fieldkit.sessions.formats import stills
-from fieldkit.sessions.formats.imported import (
-    ImportedRecording,
-    ReadAgain,
-    explained,
-    imported_reading,
-    usual_rate_hz,
-)
+from fieldkit.sessions.formats import imported, stills
+from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, explained, imported_reading
 from fieldkit.sessions.formats.times import plausible_ns
 
 SUFFIXES = (".mcap", ".bag")
@@ -98,7 +92,7 @@ def read_bag(
     topics: dict[str, _Topic] = {}
     for topic, message in first.items():
         stream = "-".join(filter(None, (name, *topic.split("/"))))
-        info = partial(StreamInfo, stream, rate_hz=usual_rate_hz(stamps_ns[topic]), driver="import")
+        info = partial(StreamInfo, stream, rate_hz=imported.usual_rate_hz(stamps_ns[topic]), driver="import")
         if message.kind == "Image" and message.body.encoding in _PIXELS:
             topics[topic] = _camera(f"{path}, {topic}", message.body, info, unit, scale)
         elif message.kind != "Image" and (names := _names(message)):

@@ -10,7 +10,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from itertools import chain, compress, product
 from pathlib import Path
@@ -26,20 +25,13 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Sentence
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
-from fieldkit.sessions.formats import imported, tables
+from fieldkit.sessions.formats import imported, tables, times
 from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
-from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
+from fieldkit.sessions.formats.logger_clock import Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.long_tables import by_thing
-from fieldkit.sessions.formats.tables import DEFAULT_ENCODING, Table, read_table
+from fieldkit.sessions.formats.tables import AS_WRITTEN, LogOptions, Table, read_table
 from fieldkit.sessions.formats.time_columns import cell_of, counted_ns
-from fieldkit.sessions.formats.times import (
-    GIVE_ZONE,
-    Times,
-    plausible_ns,
-    read_times,
-    times_from_start,
-    times_on_days,
-)
+from fieldkit.sessions.formats.times import Times, read_times
 from fieldkit.sessions.formats.zones import example
 
 _EXPORTED = ("seq", "flags", "mono_ns")
@@ -56,35 +48,6 @@ _NO_VALUE = re.compile(r"nan|null|none|n/?a|[-*?]+|unavailable|unknown|no ?data"
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
-@dataclass(frozen=True, slots=True)
-class LogOptions:
-    """Facts that a table does not state itself: zone and format of its times, units, columns, encoding.
-
-    `zone` is of times without one; `time_format` of date and time of day together where they stand in two
-    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back;
-    `start` is the moment of 0 of times that count, `date` the day of the first of times of day. Without
-    `time_columns` the first that looks like a time is it, without `columns` all others with a unit are read.
-    `unit` is of columns that state none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``) of
-    the one column whose name does not give it, or of columns by their names.
-    """
-
-    zone: tzinfo | None = None
-    time_format: str | None = None
-    offset_ns: int = 0
-    unit: str = ""
-    columns: tuple[str, ...] = ()
-    time_columns: tuple[str, ...] = ()
-    encoding: str = DEFAULT_ENCODING
-    measures: str | Mapping[str, str] = ""
-    keep: Keep | None = None
-    sheet: str = ""
-    start: str | None = None
-    date: str | None = None
-
-
-AS_WRITTEN = LogOptions()
-
-
 def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> ImportedRecording:
     """Read a logger's table: one stream for each quantity in it, and one for its averages.
 
@@ -95,22 +58,15 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     fieldkit exported keep their flags. Raises `ConfigError` with what was found if the table is ambiguous,
     contradicts an option or cannot be read.
     """
-    table = read_table(
-        path,
-        options.encoding,
-        time_names=options.time_columns,
-        time_format=options.time_format,
-        sheet=options.sheet,
-    )
-    table = by_thing(path, table)
+    table = by_thing(read_table(path, options))
     try:
-        channels, about_columns = _channels(path, table, options)
-        channels, about_components = _components(path, table, channels, options)
+        channels, about_columns = _channels(table)
+        channels, about_components = _components(table, channels)
     except MissingOptionsError as error:
-        raise imported.together(error, *_missing_of_times(path, table, options)) from None
-    _refuse_marks(path, table, channels)
-    _refuse_without_numbers(path, table, channels)
-    rows, zone, about_times = _timed_rows(path, table, options)
+        raise imported.together(error, *_missing_of_times(table)) from None
+    _refuse_marks(table, channels)
+    _refuse_without_numbers(table, channels)
+    rows, zone, about_times = _timed_rows(table)
     streams = _streams(name, channels, rows, is_long=table.long is not None)
     readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
@@ -132,73 +88,72 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
 # --- rows and their times
 
 
-def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[TimedRow], str, Notes]:
+def _timed_rows(table: Table) -> tuple[list[TimedRow], str, Notes]:
     """The rows with a time, in order of time; the zone they were taken in; notes that name the others."""
     rows = table.rows
-    times, zone, notes = _times(path, table, options)
-    errors = dict(times.unreadable) | _too_long(table)
+    moments, zone, notes = _times(table)
+    errors = dict(moments.unreadable) | _too_long(table)
     if 2 * len(errors) >= len(rows):
         place = min(errors)
         error = errors[place]
-        refusal = type(error)(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
+        refusal = type(error)(error.message, place=f"{table.path}, row {rows[place].number}", fix=error.fix)
         has_offset = re.search(r"([+-]\d\d:?\d\d|Z|UTC|GMT)$", table.time_text(rows[place]))
-        is_known = has_offset or options.zone or table.stated
-        raise imported.together(refusal, *([] if is_known else [UnstatedZoneError("no zone", fix=GIVE_ZONE)]))
+        is_known = has_offset or table.options.zone or table.stated
+        zone_error = UnstatedZoneError("no zone", fix=times.GIVE_ZONE)
+        raise imported.together(refusal, *([] if is_known else [zone_error]))
     timed = [
-        TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
+        TimedRow(row.number, times.plausible_ns(moments.known_ns[place] + table.options.offset_ns), row.cells)
         for place, row in enumerate(rows)
         if place not in errors
     ]
     if errors:
         named_rows = [f"row {rows[place].number} ({errors[place].message})" for place in sorted(errors)]
         notes.append((Severity.WARNING, f"{row_count(named_rows)} excluded: {listing(named_rows)}"))
-    ordered, about_order = _of_things(path, timed, table, options.keep)
+    ordered, about_order = _of_things(timed, table)
     return ordered, zone, notes + about_order
 
 
-def _missing_of_times(path: Path, table: Table, options: LogOptions) -> list[ConfigError]:
+def _missing_of_times(table: Table) -> list[ConfigError]:
     try:
-        _timed_rows(path, table, options)
+        _timed_rows(table)
     except ConfigError as error:  # others are raised when the options are there
         return [error] if isinstance(error, MissingOptionsError) else []
     return []
 
 
-def _times(path: Path, table: Table, options: LogOptions) -> tuple[Times, str, Notes]:
+def _times(table: Table) -> tuple[Times, str, Notes]:
     """The times by row, words on their zone, and a note on one that is given for nothing.
 
     Raises `ConfigError` where what the table states differs from the zone given, or in itself, or is open.
     """
-    read = _reader(path, table, options)
+    read, given = _reader(table), table.options.zone
     stated = [zone for one in table.stated for zone in one.zones]
-    zone = options.zone or next(iter(stated), UTC if table.stated else None)
-    times = read(zone)
-    if not times.needed_zone:
-        text = f"every time states its own offset: the zone {options.zone} applies to none"
-        return times, "with their own offset", [(Severity.WARNING, text)] if options.zone else []
-    agree = [read(other).known_ns == times.known_ns for other in stated]
-    if options.zone and stated and not any(agree):
+    zone = given or next(iter(stated), UTC if table.stated else None)
+    moments = read(zone)
+    if not moments.needed_zone:
+        text = f"every time states its own offset: the zone {given} applies to none"
+        return moments, "with their own offset", [(Severity.WARNING, text)] if given else []
+    agree = [read(other).known_ns == moments.known_ns for other in stated]
+    if given and stated and not any(agree):
         fix = "omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock"
-        problem = f"its times are of the zone {stated[0]}, not of {options.zone}"
-        raise ConfigError(problem, place=path, fix=fix)
+        problem = f"its times are of the zone {stated[0]}, not of {given}"
+        raise ConfigError(problem, place=table.path, fix=fix)
     words = " and ".join(repr(one.words) for one in table.stated)
-    if not options.zone and table.stated and not (stated and all(agree)):
+    if not given and table.stated and not (stated and all(agree)):
         fix = "name the zone that its clock kept, such as " + Argument("zone", example(table.stated))
-        raise MissingOptionsError(f"leaves the zone of its times open: {words}", place=path, fix=fix)
-    source = ", as it states: " if not options.zone else ", as given for "
-    return times, f"in {zone}" + (source + words if words else ""), []
+        raise MissingOptionsError(f"leaves the zone of its times open: {words}", place=table.path, fix=fix)
+    source = ", as it states: " if not given else ", as given for "
+    return moments, f"in {zone}" + (source + words if words else ""), []
 
 
-def _of_things(
-    path: Path, rows: Sequence[TimedRow], table: Table, keep: Keep | None
-) -> tuple[list[TimedRow], Notes]:
+def _of_things(rows: Sequence[TimedRow], table: Table) -> tuple[list[TimedRow], Notes]:
     """The rows in order of time, each thing's by its own clock; rows of one time are one."""
     groups: dict[str, list[TimedRow]] = {}
     for row in rows:
         groups.setdefault(table.things.get(row.number, ""), []).append(row)
     notes, merged = Notes(), dict[tuple[int, int], TimedRow]()
     for group in groups.values():
-        ordered, about_order = in_clock_order(path, group, keep)
+        ordered, about_order = in_clock_order(table.path, group, table.options.keep)
         notes += about_order
         repeats = Counter[int]()
         for row in ordered:
@@ -210,22 +165,22 @@ def _of_things(
     return [merged[key] for key in sorted(merged)], notes
 
 
-def _reader(path: Path, table: Table, options: LogOptions) -> Callable[[tzinfo | None], Times]:
+def _reader(table: Table) -> Callable[[tzinfo | None], Times]:
     """Reads the times in a zone; raises `ConfigError` where they have no date and no option gives it."""
-    texts = [table.time_text(row) for row in table.rows]
+    options, texts = table.options, [table.time_text(row) for row in table.rows]
     is_start, is_date = options.start is not None, options.date is not None
     uses = {"moment": (), "clock": ("date", "start"), "count": ("start",)}[table.kind]
     idle = [Argument(name) for name in ("start", "date") if getattr(options, name) and name not in uses]
     if idle or (is_start and is_date):
         problem = "its times have dates" if table.kind == "moment" else "its times need one origin"
-        raise ConfigError(problem, place=path, fix="omit " + (idle or [Argument("date")])[0])
+        raise ConfigError(problem, place=table.path, fix="omit " + (idle or [Argument("date")])[0])
     head = table.columns[table.time_at[0]].head
     unit_ns = counted_ns(options.time_format or head)
     if is_start and (unit_ns or table.kind == "clock"):
-        return lambda zone: times_from_start(texts, read_times([f"{options.start}"], zone), unit_ns)
+        return lambda zone: times.times_from_start(texts, read_times([f"{options.start}"], zone), unit_ns)
     if is_date:
         time_format = options.time_format and f"%Y-%m-%d {options.time_format}"
-        days = times_on_days(texts, f"{options.date}")
+        days = times.times_on_days(texts, f"{options.date}")
         return lambda zone: read_times(days, zone, time_format)
     if table.kind == "moment":
         return lambda zone: read_times(texts, zone, options.time_format)
@@ -234,7 +189,7 @@ def _reader(path: Path, table: Table, options: LogOptions) -> Callable[[tzinfo |
     if table.kind == "count" and not unit_ns:
         fix = fix + ("; " if fixes else "") + Argument("time_format", "s") + " for its unit, ms, min or h"
     text = "times of day" if table.kind == "clock" else f"a count from {texts[0]}"
-    raise MissingOptionsError(f"has {text}, and no date", place=f"{path}, column {head!r}", fix=fix)
+    raise MissingOptionsError(f"has {text}, and no date", place=f"{table.path}, column {head!r}", fix=fix)
 
 
 def _too_long(table: Table) -> dict[int, ConfigError]:
@@ -286,28 +241,28 @@ class Channel(NamedTuple):
         return meaning if meaning.quantity == self.meaning.quantity else None
 
 
-def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
+def _channels(table: Table) -> tuple[list[Channel], Notes]:
     """The columns asked for, or every column with numbers, and notes on what they are.
 
     The option gives the unit where the table has none; what it does not give is stored as it came, and so are
     extremes, sums and deviations, which are no samples of their quantity unless they are asked for.
     """
-    unit = options.unit
+    unit = table.options.unit
     if unit and quantities.unit_of(unit) is None:
         fix = f"state one of the known units: {KNOWN_UNITS}"
         raise ConfigError("not a unit that is known", place=Argument("unit", unit), fix=fix)
-    by_name = [tables.place_of(path, table.columns, name) for name in options.columns]
+    by_name = [tables.place_of(table.path, table.columns, name) for name in table.options.columns]
     channels: list[Channel] = []
     heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": [], "process": []}
     for place in by_name or _free(table):
-        column, (written, stated) = table.columns[place], _stated_unit(path, table, place)
+        column, (written, stated) = table.columns[place], _stated_unit(table, place)
         if not (by_name or stated or table.has_numbers(place)):
             continue
         option = meaning_of(unit, column.label)
         if by_name and written and option and stated != option:
             text = f"states the unit {written!r}, not {unit!r}"
             omit = "omit " + Argument("unit") + ", or the column"
-            raise ConfigError(text, place=tables.named(path, column), fix=omit)
+            raise ConfigError(text, place=table.named(place), fix=omit)
         is_average = column.process in tables.AVERAGED
         is_sample = is_average or column.process in tables.SAMPLED
         meaning = (stated or (None if written else option)) if is_sample or by_name else None
@@ -316,7 +271,7 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
         channels.append(Channel(place, column.label, meaning, is_average, column.unit_at))
         heads[source].append(column.head)
         heads["process"] += [f"{column.head} ({column.process})"] if by_name and not is_sample else []
-    _refuse_open_units(path, table, channels, heads["option"], options)
+    _refuse_open_units(table, channels, heads["option"])
     notes = _on_option("the unit", unit, heads["option"], heads["table"])
     if heads["unknown"]:
         text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
@@ -327,14 +282,12 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
     return channels, notes
 
 
-def _refuse_open_units(
-    path: Path, table: Table, channels: Sequence[Channel], heads: Sequence[str], options: LogOptions
-) -> None:
+def _refuse_open_units(table: Table, channels: Sequence[Channel], heads: Sequence[str]) -> None:
     """Refuse columns without a unit, an option that may not be of all of them, or not of the table."""
-    unit, about = options.unit, f" ({table.about})" if table.about else ""
+    unit, about = table.options.unit, f" ({table.about})" if table.about else ""
     without = [channel for channel in channels if not channel.meaning.unit.shown]
-    if without and (options.columns or len(without) == len(channels)):
-        place = tables.named(path, table.columns[without[0].place]) if options.columns else path
+    if without and (table.options.columns or len(without) == len(channels)):
+        place = table.named(without[0].place) if table.options.columns else table.path
         fix = 'headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others"
         raise MissingOptionsError(f"no column has a unit{about}", place=place, fix=fix)
     option = meaning_of(unit)
@@ -342,39 +295,40 @@ def _refuse_open_units(
     other = [meaning.unit.shown for meaning in above if option and meaning.quantity == option.quantity]
     if heads and option and other and option not in above:
         fix = "omit " + Argument("unit") + f" {unit}, or give " + Argument("unit", other[0])
-        raise ConfigError(f"states the unit {other[0]!r} above its header, not {unit!r}", place=path, fix=fix)
+        raise ConfigError(
+            f"states the unit {other[0]!r} above its header, not {unit!r}", place=table.path, fix=fix
+        )
     kinds = {re.sub(r"[\W_][A-Za-z]$|[\W\d_]", "", tables.split_head(head)[0]).lower() for head in heads}
-    if len(kinds) > 1 and not options.columns:
+    if len(kinds) > 1 and not table.options.columns:
         columns = Sentence.listing([Argument("columns", head) for head in heads])
         text = f"{len(heads)} columns state no unit, and {unit} need not be that of all{about}"
-        raise MissingOptionsError(text, place=path, fix=f"choose those of {unit} from " + columns)
+        raise MissingOptionsError(text, place=table.path, fix=f"choose those of {unit} from " + columns)
 
 
-def _components(
-    path: Path, table: Table, channels: Sequence[Channel], options: LogOptions
-) -> tuple[list[Channel], Notes]:
+def _components(table: Table, channels: Sequence[Channel]) -> tuple[list[Channel], Notes]:
     """The columns, those of radiation with the component that their name or the option gives, and notes.
 
     Raises `ConfigError` where the option cannot be of a column, or may be of several.
     """
-    measures = options.measures if isinstance(options.measures, Mapping) else {"": options.measures}
+    given, is_chosen = table.options.measures, bool(table.options.columns)
+    measures = given if isinstance(given, Mapping) else {"": given}
     names = {channel.place: channel.label for channel in channels if channel.meaning.quantity.units == POWER}
     components = {place: component_named(label) for place, label in names.items()}
     stated = [names[place] for place, component in components.items() if component]
-    unnamed = [place for place, component in components.items() if options.columns or not component]
-    if len(unnamed) > 1 and measures.get("") and not options.columns:
+    unnamed = [place for place, component in components.items() if is_chosen or not component]
+    if len(unnamed) > 1 and measures.get("") and not is_chosen:
         labels = ", ".join(names[place] for place in unnamed)
         fix = Argument("measures", {names[unnamed[0]]: measures[""]}) + ", and so each of the others"
         problem = f"{measures['']} may be what each of {labels} measures"
-        raise MissingOptionsError(problem, place=path, fix=fix)
+        raise MissingOptionsError(problem, place=table.path, fix=fix)
     by_option = dict.fromkeys(unnamed, measures[""]) if measures.get("") else {}
-    by_option |= {tables.place_of(path, table.columns, key): measures[key] for key in measures if key}
+    by_option |= {tables.place_of(table.path, table.columns, key): measures[key] for key in measures if key}
     for place, component in by_option.items():
         own = components.get(place)
         if own not in ("", component) or not may_measure(names[place], component):
             text = f"states {own}, not {component}" if own else f"measures no {component}"
             fix = "omit " + Argument("measures") + ", or the column"
-            raise ConfigError(text, place=tables.named(path, table.columns[place]), fix=fix)
+            raise ConfigError(text, place=table.named(place), fix=fix)
     notes = Notes()
     for component in dict.fromkeys(measures.values()):
         applied = [names[place] for place in by_option if by_option[place] == component]
@@ -389,7 +343,7 @@ def _free(table: Table) -> list[int]:
     return [place for place in table.free if place not in exported]
 
 
-def _stated_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
+def _stated_unit(table: Table, place: int) -> tuple[str, Meaning | None]:
     """The unit that the table states of a column, as written and what it means."""
     column = table.columns[place]
     if column.unit_at < 0:
@@ -401,7 +355,7 @@ def _stated_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
     if len(meanings) > 1:
         several = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in meanings.values())
         fix = "import the rows of each quantity on their own"
-        raise ConfigError(f"has values in {several}", place=tables.named(path, column), fix=fix)
+        raise ConfigError(f"has values in {several}", place=table.named(place), fix=fix)
     meaning, written = next(iter(meanings.values()), (None, next(iter(cells), "")))
     return written, meaning
 
@@ -540,7 +494,7 @@ def _on_stream(stream: _Stream) -> Notes:
 # --- cells
 
 
-def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None:
+def _refuse_marks(table: Table, channels: Sequence[Channel]) -> None:
     """Refuse a mark in a number that may be of thousands or of decimals: which it is, is not guessed.
 
     Where commas part the columns that is a comma, elsewhere a point.
@@ -555,10 +509,10 @@ def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None
         if _ANY_POINT.fullmatch(cell) if may_be_points else has_comma:
             problem = f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals"
             fix = "export it with commas between the columns, points as decimals, no marks of thousands"
-            raise ConfigError(problem, place=f"{path}, column {head!r}", fix=fix)
+            raise ConfigError(problem, place=f"{table.path}, column {head!r}", fix=fix)
 
 
-def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel]) -> None:
+def _refuse_without_numbers(table: Table, channels: Sequence[Channel]) -> None:
     """Refuse a column of cells that are no numbers, but for words that say that there is no value."""
     for channel in channels:
         cells = [cell for row in table.rows if (cell := tables.number_at(row.cells, channel.place))]
@@ -566,7 +520,7 @@ def _refuse_without_numbers(path: Path, table: Table, channels: Sequence[Channel
         if words and all(math.isnan(tables.number_of(cell)) for cell in words):
             others = [Argument("columns", other.label) for other in channels if other != channel]
             or_others = ", or import the others: " + Sentence.listing(others) if others else ""
-            place, fix = tables.named(path, table.columns[channel.place]), "write numbers as 1234.5"
+            place, fix = table.named(channel.place), "write numbers as 1234.5"
             raise ConfigError(f"has no number, but {words[0][:20]!r}", place=place, fix=fix + or_others)
 
 

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -28,7 +27,7 @@ _NAME = re.compile(
 )
 
 
-def by_thing(path: Path, table: tables.Table) -> tables.Table:
+def by_thing(table: tables.Table) -> tables.Table:
     """A long table with a column for each thing; any other as it is.
 
     Raises `ConfigError` where there are too many things.
@@ -52,7 +51,9 @@ def by_thing(path: Path, table: tables.Table) -> tables.Table:
     shown = ", ".join(labels[:10]) + (" ..." if len(labels) > 10 else "")
     text = f"a row per {heads}: a channel for each of {shown}"
     if len(labels) > _MOST_THINGS:
-        raise ConfigError(f"{len(labels)} things, {text}", place=path, fix=f"keep at most {_MOST_THINGS}")
+        raise ConfigError(
+            f"{len(labels)} things, {text}", place=table.path, fix=f"keep at most {_MOST_THINGS}"
+        )
     return replace(_spread(table, things, labels, values), about=text)
 
 

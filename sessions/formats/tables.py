@@ -20,6 +20,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import tzinfo
 from functools import lru_cache
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
@@ -31,6 +32,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import is_unit, short_cut_unit, split_label
 from fieldkit.sessions.formats.containers import Contents, is_container, read_contents
 from fieldkit.sessions.formats.imported import explained, free_name
+from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.time_columns import SAMPLE, Kind, cell_of, first_time, time_places, time_text
 from fieldkit.sessions.formats.times import is_unix
 from fieldkit.sessions.formats.zones import Statement, is_label, statements
@@ -74,6 +76,35 @@ _BRACKETS = re.compile(r"\s*(?:\[\s*(?P<square>[^\[\]]+?)\s*\]|\(\s*(?P<round>[^
 _LIKE_A_UNIT = re.compile(r"[A-Za-zµμΩ]{1,4}|[^%°/²³µμΩ^]*[%°/²³µμΩ^].*|volts|knots|degrees|percent|counts")
 
 
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """Facts that a table does not state itself: zone and format of its times, units, columns, encoding.
+
+    `zone` is of times without one; `time_format` of date and time of day together where they stand in two
+    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back;
+    `start` is the moment of 0 of times that count, `date` the day of the first of times of day. Without
+    `time_columns` the first that looks like a time is it, without `columns` all others with a unit are read.
+    `unit` is of columns that state none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``) of
+    the one column whose name does not give it, or of columns by their names.
+    """
+
+    zone: tzinfo | None = None
+    time_format: str | None = None
+    offset_ns: int = 0
+    unit: str = ""
+    columns: tuple[str, ...] = ()
+    time_columns: tuple[str, ...] = ()
+    encoding: str = DEFAULT_ENCODING
+    measures: str | Mapping[str, str] = ""
+    keep: Keep | None = None
+    sheet: str = ""
+    start: str | None = None
+    date: str | None = None
+
+
+AS_WRITTEN = LogOptions()
+
+
 class Row(NamedTuple):
     """A row, and the number of its line in the file, the first being 1."""
 
@@ -99,13 +130,15 @@ class Column(NamedTuple):
 class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
+    It is of the file at `path`, whose user gave `options`.
     `has_decimal_commas`: a comma in a number is its decimal point; `stated` is what the file says of the
     zone of its times. Without `has_end` the file ends within its last line. `kind` is what the times are,
-    `has_format` true if their format is given, `dates` what
-    lines above say of their start and date, or examples. One that was made of a `long` table has the thing of
-    each row by its number, and words `about` them; `units` stand above the header.
+    `dates` what lines above say of their start and date, or examples. One that was made of a `long` table has
+    the thing of each row by its number, and words `about` them; `units` stand above the header.
     """
 
+    path: Path
+    options: LogOptions
     columns: list[Column]
     rows: list[Row]
     time_at: tuple[int, ...]
@@ -113,7 +146,6 @@ class Table:
     stated: Sequence[Statement] = ()
     has_end: bool = True
     kind: Kind = "moment"
-    has_format: bool = False
     dates: Mapping[str, str] = field(default_factory=dict)
     long: Table | None = None
     things: Mapping[int, str] = field(default_factory=dict)
@@ -129,6 +161,10 @@ class Table:
         others = {*self.time_at, *units}
         return [at for at, column in enumerate(self.columns) if at not in others and column.unit != "RN"]
 
+    def named(self, place: int) -> str:
+        """Place of an error: a column of the file."""
+        return f"{self.path}, column {self.columns[place].head!r}"
+
     def has_numbers(self, place: int) -> bool:
         """True if a column has numbers, and not times or those of the rows before their time."""
         cells = [number_at(row.cells, place) for row in self.rows]
@@ -141,23 +177,14 @@ class Table:
         """The cells of a row's time as one text."""
         labels = [self.columns[place].label for place in self.time_at]
         cells = [cell_of(row.cells, place) for place in self.time_at]
-        return time_text(labels, cells, has_format=self.has_format)
+        return time_text(labels, cells, has_format=self.options.time_format is not None)
 
 
-def read_table(
-    path: Path,
-    encoding: str = DEFAULT_ENCODING,
-    *,
-    time_names: Sequence[str] = (),
-    time_format: str | None = None,
-    sheet: str = "",
-) -> Table:
-    """The table of a file, of the forms above, or in a container such as a workbook with that `sheet`.
-
-    `time_names` are the columns of the time, where it is not the first that looks like one. Raises
-    `ConfigError`.
-    """
-    text, notes = read_contents(path, sheet) if is_container(path) else _text(path, encoding)
+def read_table(path: Path, options: LogOptions = AS_WRITTEN) -> Table:
+    """The table of a file, of the forms above, or in a container such as a workbook. Raises `ConfigError`."""
+    time_names, time_format = options.time_columns, options.time_format
+    is_packed = is_container(path)
+    text, notes = read_contents(path, options.sheet) if is_packed else _text(path, options.encoding)
     with explained(path, _UNREADABLE, _SAVE, csv.Error):
         delimiter = _delimiter(text)
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
@@ -183,14 +210,9 @@ def read_table(
     stated = statements(head, list(_zone_fields(rows[: first - len(below) - 1], others, body)))
     units = [match[1] for row in rows[:first] if (match := _UNIT_LINE.search(" ".join(row.cells)))]
     has_end, dates = bool(losses) or text.endswith(("\n", "\r")), _dates(rows[:first])
-    has_commas, has_format = delimiter != ",", time_format is not None
-    table = Table(columns, body, time_at, has_commas, stated, has_end, kind, has_format, dates, notes=notes)
-    return replace(table, columns=_with_unit_columns(table), units=units, losses=losses)
-
-
-def named(path: Path, column: Column) -> str:
-    """Place of an error: a column of a file."""
-    return f"{path}, column {column.head!r}"
+    has_commas = delimiter != ","
+    table = Table(path, options, columns, body, time_at, has_commas, stated, has_end, kind, dates)
+    return replace(table, columns=_with_unit_columns(table), units=units, notes=notes, losses=losses)
 
 
 def place_of(path: Path, columns: Sequence[Column], name: str) -> int:

@@ -322,7 +322,12 @@ def is_number(text: str) -> bool:
 
 def times_on_days(texts: Sequence[str], first: str) -> list[str]:
     """Times of day with their date, the first row's as given: one that falls by half a day is of the next."""
-    day, before_h, days = _day(first), 0.0, []
+    try:
+        day = datetime.fromisoformat(first)
+    except ValueError:
+        place, fix = Argument("date"), Argument("date", "2026-12-11")
+        raise ConfigError(f"{first!r} is no date", place=place, fix=fix) from None
+    before_h, days = 0.0, []
     for text in texts:
         if clock := re.match(r"(\d+)\D(\d\d)[^ap]*([ap]?)", text, re.IGNORECASE):
             hour = int(clock[1]) % 12 + 12 * (clock[3] in "pP") if clock[3] else int(clock[1])
@@ -331,14 +336,6 @@ def times_on_days(texts: Sequence[str], first: str) -> list[str]:
             before_h = hour_h
         days.append(f"{day:%Y-%m-%d} {text}")
     return days
-
-
-def _day(text: str) -> datetime:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        example = Argument("date", "2026-12-11")
-        raise ConfigError(f"{text!r} is no date", place=Argument("date"), fix=example) from None
 
 
 def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
-from functools import lru_cache
 from typing import NamedTuple
 from zoneinfo import ZoneInfo, available_timezones
 
@@ -78,14 +77,9 @@ def example(stated: Sequence[Statement]) -> str:
     """A zone that was meant, as far as the words tell."""
     named = (zone.key for one in stated for zone in one.zones if isinstance(zone, ZoneInfo))
     words = " ".join(one.words for one in stated)
-    cities = ((name, name.partition("/")[2].replace("_", " ")) for name in _names())
+    cities = ((name, name.partition("/")[2].replace("_", " ")) for name in sorted(available_timezones()))
     in_words = (name for name, city in cities if city and re.search(rf"\b{city}\b", words) and city != "UTC")
     return next(named, "") or next(in_words, "Asia/Tokyo")
-
-
-@lru_cache
-def _names() -> list[str]:
-    return sorted(available_timezones())
 
 
 def _of_field(field: str) -> Iterator[tzinfo]:
