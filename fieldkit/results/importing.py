@@ -260,8 +260,7 @@ def import_into(
     with reading(session) as opened:
         recording = _read_in_zone(source, options, opened.site, "session")
         stream_name = options.name or recording.streams[0].name
-        default = opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
-        path = default if out is None else Path(out)
+        path = Path(out or opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5"))
         if options.offset_s == AUTO:
             recording = align(opened, recording)
         recording = cut_session(opened, _warned_of_distance(recording, opened.site))
@@ -287,8 +286,7 @@ def _join(
             text = f"slopes use the settings of {opened.path.name}, not {', '.join(keys)} of {source.name}"
             recording = recording.noted(text)
         recording = _warned_of_irradiance(opened, recording)
-        default = opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5")
-        path = default if out is None else Path(out)
+        path = Path(out or opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5"))
         return ImportedSession.of(joined.join(opened, other, recording, clock, path), recording)
 
 

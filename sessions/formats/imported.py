@@ -30,6 +30,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.records import Entry
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
@@ -170,13 +171,21 @@ def write_imported(path: Path, header: SessionHeader, imported: ImportedRecordin
     first = next(samples, None)
     if first is None:
         raise ConfigError("no samples", place=source, fix="check that it is the right file, and whole")
-    clock = StampedClock(first.time_ns)
-    writer = SessionWriter(path, header, clock)
+    start_ns, notes = first.time_ns, ((Severity.INFO, f"imported from {source}"), *imported.notes)
+    events = (Event(EventKind.IMPORTED, start_ns, start_ns, text, "", severity) for severity, text in notes)
+    return write_stamped(path, header, StampedClock(start_ns), events, chain([first], samples))
+
+
+def write_stamped(
+    path: Path, head: SessionHeader, clock: StampedClock, entries: Iterable[Entry], samples: Iterable[Sample]
+) -> SealReport:
+    """Write entries, and samples in order of time, as a session by the clock of their stamps, and seal it."""
+    writer = SessionWriter(path, head, clock)
     try:
-        for severity, text in ((Severity.INFO, f"imported from {source}"), *imported.notes):
-            writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
-        for sample in chain([first], samples):
-            clock.now_ns = max(clock.now_ns, sample.time_ns)
+        for entry in entries:
+            writer.put(entry)
+        for sample in samples:
+            clock.now_ns = max(clock.now_ns, sample.mono_ns)
             writer.append(sample)
     except BaseException:
         writer.discard()

@@ -24,6 +24,7 @@ from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats import imported
 from fieldkit.sessions.formats.imported import ImportedRecording, explained, free_name, imported_reading
+from fieldkit.sessions.formats.time_columns import Cells
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -60,6 +61,9 @@ _DAY = timedelta(days=1)
 
 
 _SUM = Unit("MJ/㎡")
+
+Body = Sequence[tuple[datetime, list[str]]]
+"""The rows of a download with their stamps."""
 
 
 class _Item(NamedTuple):
@@ -134,7 +138,7 @@ def _is_hourly(names: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
 
 
 def _recording(
-    path: Path, name: str, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
+    path: Path, name: str, items: Sequence[_Item], body: Body, step: timedelta
 ) -> ImportedRecording:
     streams, readings = [], []
     for quantity in dict.fromkeys(item.kind.quantity for item in items):
@@ -157,9 +161,7 @@ def _to_middle(kind: Meaning, step: timedelta) -> timedelta:
     return -step / 2 if kind.unit == _SUM else timedelta(0)
 
 
-def _notes(
-    path: Path, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
-) -> Iterator[tuple[Severity, str]]:
+def _notes(path: Path, items: Sequence[_Item], body: Body, step: timedelta) -> Iterator[tuple[Severity, str]]:
     values = "hourly" if step < _DAY else "daily"
     yield Severity.INFO, f"{path.name}: {len(body)} {values} rows, times of Japan (UTC+9)"
     for item in items:
@@ -191,9 +193,7 @@ def _stamp(row: Sequence[str], *, is_split: bool, hourly: bool) -> datetime | No
     return datetime(year, month, day, tzinfo=JST) + timedelta(hours=hour, minutes=minute)
 
 
-def _items(
-    above: Sequence[Sequence[str]], names: Sequence[str], below: Sequence[Sequence[str]]
-) -> list[_Item]:
+def _items(above: Cells, names: Sequence[str], below: Cells) -> list[_Item]:
     """The value columns that count, from the row that names the items and the header rows around it."""
     stations = above[-1] if above else []
     several = len({cell for cell in stations if cell}) > 1

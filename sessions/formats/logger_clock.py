@@ -39,9 +39,7 @@ class TimedRow(NamedTuple):
         return f"row {self.number} ({time:%Y-%m-%d %H:%M:%S} UTC)"
 
 
-def in_clock_order(
-    path: Path, rows: Sequence[TimedRow], keep: Keep | None = None
-) -> tuple[list[TimedRow], Notes]:
+def in_clock_order(path: Path, rows: Sequence[TimedRow], keep: Keep | None) -> tuple[list[TimedRow], Notes]:
     """The rows, oldest first, without those that cannot be right, and notes that name these.
 
     Rows more than a year from the others are excluded, and copies of earlier rows, as in two downloads of one

@@ -67,7 +67,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     _refuse_marks(table, channels)
     _refuse_without_numbers(table, channels)
     rows, zone, about_times = _timed_rows(table)
-    streams = _streams(name, channels, rows, is_long=table.long is not None)
+    streams = _streams(name, table, channels, rows)
     readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
@@ -368,9 +368,7 @@ class _Stream(NamedTuple):
     rows: Sequence[TimedRow]
 
 
-def _streams(
-    name: str, channels: Sequence[Channel], rows: Sequence[TimedRow], *, is_long: bool
-) -> list[_Stream]:
+def _streams(name: str, table: Table, channels: Sequence[Channel], rows: Sequence[TimedRow]) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it.
 
     A long table has rows of other quantities alone, which are none of a stream.
@@ -384,7 +382,7 @@ def _streams(
         stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
         free = imported.free_name(stream, streams, "{}-{}")  # unknown quantities of several units
         has_cells = [any(cell_of(row.cells, channel.place) for channel in ours) for row in rows]
-        own = list(compress(rows, has_cells)) if is_long else rows
+        own = list(compress(rows, has_cells)) if table.long else rows
         streams[free] = _Stream(_info(free, ours, own), ours, own)
     return list(streams.values())
 

@@ -19,13 +19,12 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.finished_file import apply_time_map
-from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, StampedClock
+from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, StampedClock, write_stamped
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import Entry, RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
-from fieldkit.sessions.writer import SessionWriter
 
 
 def cut_session(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
@@ -86,22 +85,12 @@ def write_together(
     """
     steps = session.time_map()
     clock = StampedClock(recorded_mono_ns(steps, start_ns, session.anchor_ns), session.anchor_ns)
-    writer = SessionWriter(path, header, clock)
-    try:
-        now = clock.mono_ns()
-        at_start = (replace(note, mono_ns=now, time_ns=clock.to_utc_ns(now)) for note in notes)
-        for entry in chain(entries, at_start):
-            writer.put(entry)
-        # all by the session's clocks, to which the added ones are moved
-        recorded = session.samples(recorded=True)
-        moved = (_move(sample, steps, session.anchor_ns) for sample in added)
-        for sample in heapq.merge(recorded, moved, key=lambda sample: sample.mono_ns):
-            writer.append(sample)
-            clock.now_ns = sample.mono_ns
-    except BaseException:
-        writer.discard()
-        raise
-    report = writer.close()
+    now = clock.mono_ns()
+    at_start = (replace(note, mono_ns=now, time_ns=clock.to_utc_ns(now)) for note in notes)
+    # all by the session's clocks, to which the added ones are moved
+    moved = (_move(sample, steps, session.anchor_ns) for sample in added)
+    samples = heapq.merge(session.samples(recorded=True), moved, key=lambda sample: sample.mono_ns)
+    report = write_stamped(path, header, clock, chain(entries, at_start), samples)
     if steps:
         apply_time_map(path, steps)
     return report
@@ -259,7 +248,7 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     means = binned(reference, finest)
     tops = [_top(log, means, float(offsets[place]), coarse, finest) for place in peaks]
     offset, fit = _distinct(sorted(tops, key=lambda top: -top[1]), _REACH * coarse)
-    uncertainty = 2.0 * max(_standard_deviation(log, means, offset, coarse, finest), finest * _OF_A_STEP)
+    uncertainty = 2.0 * max(_standard_error(log, means, offset, coarse, finest), finest * _OF_A_STEP)
     if uncertainty > _MOST_UNCERTAIN_S:
         best = f"{offset:+.0f} s fits best, to {uncertainty:.0f} s only"
         raise NoAnswerError(f"the offset is not distinct: {best}", fix=_FIX)
@@ -313,9 +302,7 @@ def _top(log: TimeSeries, means: TimeSeries, near: float, coarse: float, step: f
     return near + float(np.clip(aside, -reach, reach)), float(fits.max())
 
 
-def _standard_deviation(
-    log: TimeSeries, means: TimeSeries, offset: float, coarse: float, step: float
-) -> float:
+def _standard_error(log: TimeSeries, means: TimeSeries, offset: float, coarse: float, step: float) -> float:
     """Standard error of the offset by a delete-one-block jackknife over the series, seconds."""
     offsets = []
     for block in np.array_split(np.arange(means.value.size), _BLOCKS):
