@@ -455,7 +455,7 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
     return [(severity, f"{option} {given} applies to {columns}{note}")]
 
 
-def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
+def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Iterator[tuple[Severity, str]]:
     """Number of cells that are not numbers at all, or have a unit that is not known."""
     words, units = list[str](), list[str]()
     for row, channel in product(rows, channels):
@@ -463,30 +463,26 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
             words += [cell] if math.isnan(tables.number_of(cell)) and cell.lower() != "nan" else []
             if channel.meaning_in(row.cells) is None:
                 units.append(f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})")
-    notes = Notes()
     if words:
         text = f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}"
-        notes.append((Severity.WARNING, text))
+        yield Severity.WARNING, text
     if units:
-        text = f"{len(units)} cells have no value for their unit: {listing(units)}"
-        notes.append((Severity.WARNING, text))
-    return notes
+        yield Severity.WARNING, f"{len(units)} cells have no value for their unit: {listing(units)}"
 
 
-def _on_stream(stream: _Stream) -> Notes:
+def _on_stream(stream: _Stream) -> Iterator[tuple[Severity, str]]:
     """Notes on what a stream of radiation does not state, and on averages that were moved."""
-    info, labels, notes = stream.info, ", ".join(stream.info.channels), Notes()
+    info, labels = stream.info, ", ".join(stream.info.channels)
     if info.unit == POWER.stored and not info.measures:
         note = f"what {labels} measures is not known, so slopes cannot use it"
         fix = f"import it as global irradiance (ghi), or {how_to_state(info.name)}"
-        notes.append((Severity.WARNING, f"{note}: {fix}"))
+        yield Severity.WARNING, f"{note}: {fix}"
     if stream.channels[0].is_average and len(stream.rows) > 1:
         middle = f"in the middle of their interval of {1 / info.rate_hz:g} s, not at its end"
-        notes.append((Severity.INFO, f"averages of {labels} are stamped {middle}"))
+        yield Severity.INFO, f"averages of {labels} are stamped {middle}"
     elif stream.channels[0].is_average:
-        note = f"averages of {labels} are stamped at the end of their interval, which one row does not show"
-        notes.append((Severity.WARNING, note))
-    return notes
+        end = "at the end of their interval, which one row does not show"
+        yield Severity.WARNING, f"averages of {labels} are stamped {end}"
 
 
 # --- cells
