@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, os_errors_as
 from fieldkit.physics.camera_laws import Planck, path_transmission
 from fieldkit.physics.constants import SECOND_RADIATION
 from fieldkit.physics.radiance import band_radiance, band_temperature
@@ -97,14 +97,10 @@ class ResponseBand:
 
         Raises `ConfigError`.
         """
-        try:
+        with os_errors_as(
+            ConfigError, "cannot read the band", place=path, fix="check its path, and who may read it"
+        ):
             lines = path.read_text(encoding="utf-8").splitlines()
-        except OSError as error:
-            raise ConfigError(
-                f"cannot read the band: {error.strerror}",
-                place=path,
-                fix="check its path, and who may read it",
-            ) from error
         try:
             text = [line for line in lines if line[:1].isdigit()]
             table = np.array([[float(cell) for cell in line.split(",")[:2]] for line in text])

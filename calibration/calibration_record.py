@@ -24,7 +24,7 @@ from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError, os_errors_as
 from fieldkit.model.next_step import Argument
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -199,7 +199,9 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
     none can be written.
     """
     path, text = folder / record.file_name, to_toml(record).encode()
-    try:
+    with os_errors_as(
+        StorageError, "cannot write", place=path, fix="make room there, or let yourself write there"
+    ):
         folder.mkdir(parents=True, exist_ok=True)
         with one_at_a_time(folder):
             if path.exists():
@@ -208,9 +210,6 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
                 # whole or not at all: a part of a record would be the latest of its name
                 with replacing(path) as draft:
                     draft.write_bytes(text)
-    except OSError as error:
-        fix = "make room there, or let yourself write there"
-        raise StorageError(f"cannot write: {error.strerror}", place=path, fix=fix) from error
     return path
 
 

@@ -17,7 +17,7 @@ from fieldkit.disk import Patience, move_into_place, one_at_a_time, sync
 from fieldkit.model.arrays import IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.durations import rounded_duration
-from fieldkit.model.errors import StorageError
+from fieldkit.model.errors import StorageError, os_errors_as
 from fieldkit.model.samples import Event
 from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.digests import set_attribute
@@ -38,16 +38,13 @@ def add_to_finished(path: Path, add: Callable[[h5py.File], None]) -> None:
     cannot be written or there is no room for the copy.
     """
     path = path.resolve()  # a link stays a link
-    try:
-        with one_at_a_time(path.parent):
-            Patience()(partial(_change_copy, path, add))
-            move_into_place(changing_path(path), path)
-    except OSError as error:
-        raise StorageError(
-            f"could not be corrected: {error.strerror or error}",
-            place=path,
-            fix="see that its folder can be written and has room for a copy of it; nothing was changed",
-        ) from error
+    fix = "see that its folder can be written and has room for a copy of it; nothing was changed"
+    with (
+        os_errors_as(StorageError, "could not be corrected", place=path, fix=fix),
+        one_at_a_time(path.parent),
+    ):
+        Patience()(partial(_change_copy, path, add))
+        move_into_place(changing_path(path), path)
 
 
 def _change_copy(path: Path, add: Callable[[h5py.File], None]) -> None:

@@ -15,7 +15,7 @@ import struct
 from pathlib import Path
 from typing import Protocol
 
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, os_errors_as
 from fieldkit.model.next_step import Action
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -59,18 +59,14 @@ def _open(path: Path) -> io.FileIO:
     refuse_address(path)
     if path.exists() and not path.is_file():  # a pipe would wait for its other end
         raise SessionError("a directory, pipe or device, not a file", place=path, fix=CHECK_PATH)
-    try:
+    with os_errors_as(SessionError, "cannot read", place=path, fix=CHECK_PATH):
         return path.open("rb", buffering=0)
-    except OSError as error:
-        raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
 
 
 def _superblock(path: Path, file: BinaryFile) -> bytes:
-    try:
+    with os_errors_as(SessionError, "cannot read", place=path, fix=CHECK_PATH):
         file.seek(0)
         head = file.read(SIZE)
-    except OSError as error:
-        raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
     if len(head) < SIZE or not head.startswith(SIGNATURE):
         raise SessionError("not an HDF5 file", place=path, fix=CHECK_PATH)
     if head[_VERSION] != 3:

@@ -18,7 +18,7 @@ from fieldkit.config.load import mistakes_in
 from fieldkit.config.template import assignment
 from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError, os_errors_as
 from fieldkit.model.next_step import Action
 from fieldkit.model.spelling import did_you_mean
 
@@ -159,13 +159,10 @@ def _assignments(table: Mapping[str, Any]) -> str:
 def _write(file: Path, text: str) -> None:
     """Replace the file atomically: after a power cut it is either the old or the new one."""
     file = file.resolve()  # a link stays a link
-    try:
-        with replacing(file) as draft:
-            draft.touch()
-            shutil.copymode(file, draft)  # first: a file that may not be written is not replaced either
-            draft.write_bytes(_encode(text, file.read_bytes()))
-    except OSError as error:
-        raise StorageError(f"cannot write: {error.strerror}", place=file) from error
+    with os_errors_as(StorageError, "cannot write", place=file), replacing(file) as draft:
+        draft.touch()
+        shutil.copymode(file, draft)  # first: a file that may not be written is not replaced either
+        draft.write_bytes(_encode(text, file.read_bytes()))
 
 
 def _encode(text: str, before: bytes) -> bytes:

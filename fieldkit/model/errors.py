@@ -24,7 +24,8 @@ Nature is not an error: night, shade or a closed shutter give NaN and a `Quality
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from fieldkit.model.next_step import Phrase, Text
@@ -170,3 +171,14 @@ class RefusedError(FieldkitError):
     """Another recording is running, or something would be overwritten."""
 
     exit_code = 9
+
+
+@contextmanager
+def os_errors_as(
+    kind: type[FieldkitError], problem: str, *, place: str | Path | None = None, fix: Text | None = None
+) -> Iterator[None]:
+    """Raise an `OSError` of the block as an error of this kind: the problem, then what the system reports."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{problem}: {error.strerror or error}", place=place, fix=fix) from error

@@ -13,13 +13,13 @@ import os
 import secrets
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from hmac import compare_digest
 from pathlib import Path
 
 from fieldkit.disk import one_at_a_time, replacing
-from fieldkit.model.errors import StorageError
+from fieldkit.model.errors import StorageError, os_errors_as
 from fieldkit.page.viewer import Role
 from fieldkit.sessions.json_forms import build
 
@@ -45,7 +45,7 @@ class Keys:
     """Keys of a campaign's page, in its folder of recordings; raises `StorageError` if it cannot write."""
 
     def __init__(self, folder: Path) -> None:
-        with _report_errors(folder):
+        with _errors_of(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.path: Path = folder / FILE
 
@@ -86,7 +86,7 @@ class Keys:
 
     @contextmanager
     def _changing(self) -> Iterator[list[Grant]]:
-        with _report_errors(self.path), one_at_a_time(self.path.parent):
+        with _errors_of(self.path.parent), one_at_a_time(self.path.parent):
             before = self._read()
             grants = before.copy()
             yield grants
@@ -103,14 +103,9 @@ class Keys:
                 json.dump(list(map(asdict, grants)), file)
 
 
-@contextmanager
-def _report_errors(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        fix = f"have a disk with room at {path.parent}, which this user may write"
-        what = f"cannot keep the page's keys: {error.strerror}"
-        raise StorageError(what, place=path, fix=fix) from error
+def _errors_of(folder: Path) -> AbstractContextManager[None]:
+    fix = f"have a disk with room at {folder}, which this user may write"
+    return os_errors_as(StorageError, "cannot keep the page's keys", place=folder / FILE, fix=fix)
 
 
 def _role(grant: Grant) -> Role:

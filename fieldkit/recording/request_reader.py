@@ -17,7 +17,7 @@ from typing import Any
 
 from fieldkit.config.toml_schema import RegionOutline
 from fieldkit.model.clock import Clock
-from fieldkit.model.errors import StorageError, message_of
+from fieldkit.model.errors import StorageError, message_of, os_errors_as
 from fieldkit.model.marks import Mark, mark_event
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
@@ -130,16 +130,11 @@ def _answer(request: Request | Event, number: str, mono_ns: int, time_ns: int) -
 
 
 def _oldest_first(folder: Path) -> list[Path]:
-    try:
+    fix = "check that the disk is accessible, then: " + Action.RECOVER()
+    with os_errors_as(StorageError, "the marks cannot be read", place=folder, fix=fix):
         names = os.listdir(folder) if folder.exists() else []
         files = [folder / name for name in names if name.endswith(".json")]
         return sorted(files, key=lambda file: file.stat().st_mtime_ns)
-    except OSError as error:
-        raise StorageError(
-            f"the marks cannot be read: {error.strerror or error}",
-            place=folder,
-            fix="check that the disk is accessible, then: " + Action.RECOVER(),
-        ) from error
 
 
 def _read(file: Path, mono_ns: int, time_ns: int) -> Request | Event:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fieldkit.model.errors import RefusedError, SessionError, StorageError
+from fieldkit.model.errors import RefusedError, SessionError, StorageError, os_errors_as
 from fieldkit.model.next_step import Action
 from fieldkit.recording.recordings import JOURNAL, is_interrupted
 from fieldkit.sessions.lock import SessionLock, await_unlocked, is_locked, journal_path, owner
@@ -98,15 +98,10 @@ def only_recorder(recordings: Path) -> Iterator[None]:
 
 
 def _lock_in(recordings: Path, name: str) -> SessionLock:
-    try:
+    fix = "choose a folder that can be written"
+    with os_errors_as(StorageError, "no session can be written here", place=recordings, fix=fix):
         recordings.mkdir(parents=True, exist_ok=True)
         return SessionLock(recordings, name)
-    except OSError as error:
-        raise StorageError(
-            f"no session can be written here: {error.strerror}",
-            place=recordings,
-            fix="choose a folder that can be written",
-        ) from error
 
 
 def is_recorder_present(recordings: Path) -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.disk import sha256
-from fieldkit.model.errors import ConfigError, FieldkitError, StorageError, message_of
+from fieldkit.model.errors import ConfigError, FieldkitError, StorageError, message_of, os_errors_as
 from fieldkit.results.cache import PACKAGES, code_version
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sources import Source
@@ -46,12 +46,9 @@ def results_folder(session: Path) -> Path:
 @contextmanager
 def writing(out: Path) -> Iterator[None]:
     """Make the folder of files to write; an error of the disk becomes a `StorageError`."""
-    try:
+    with os_errors_as(StorageError, "cannot write", place=out, fix="name a folder that can be written"):
         out.parent.mkdir(parents=True, exist_ok=True)
         yield
-    except OSError as error:
-        problem = f"cannot write: {error.strerror or error}"
-        raise StorageError(problem, place=out, fix="name a folder that can be written") from error
 
 
 def write_results(

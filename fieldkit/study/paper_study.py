@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.errors import NoAnswerError, StorageError
+from fieldkit.model.errors import NoAnswerError, StorageError, os_errors_as
 from fieldkit.model.next_step import Argument
 from fieldkit.physics.facet import normal
 from fieldkit.results.json_document import to_json
@@ -292,17 +292,13 @@ def _cell(value: object) -> str:
 def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], drawn: dict[str, str]) -> None:
     """Write texts by file name, tables as CSV and figures as SVG; raises `StorageError`."""
     texts = texts | {f"{name}.svg": svg for name, svg in drawn.items()}
-    try:
+    with os_errors_as(StorageError, "cannot write", place=folder, fix="give another " + Argument("out")):
         folder.mkdir(parents=True, exist_ok=True)
         for name, rows in tables.items():
             if rows:
                 _write_csv(folder / f"{name}.csv", rows)
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(
-            f"cannot write: {error.strerror}", place=folder, fix="give another " + Argument("out")
-        ) from error
 
 
 def _write_csv(path: Path, rows: Rows) -> None:
