@@ -52,11 +52,7 @@ _kelvin = partial(number_option, metavar="K")
     metavar="8-14|FILE.csv|B,F|R,B,F,O",
     help="Spectral band of the camera: flat, a response, or the camera's constants.",
 )
-@click.option(
-    "--camera-emissivity",
-    type=argument_range("camera_emissivity"),
-    help="Emissivity already applied by the camera.",
-)
+@number_option("--camera-emissivity", "camera_emissivity", None, "Emissivity already applied by the camera.")
 @number_option(
     "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature it has applied.", metavar="°C"
 )
@@ -70,13 +66,7 @@ _kelvin = partial(number_option, metavar="K")
 )
 @number_option("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
 @number_option("--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%")
-@click.option(
-    "--angle",
-    "angle_deg",
-    type=argument_range("angle_deg"),
-    metavar="DEG",
-    help="Viewing angle from the surface normal.",
-)
+@number_option("--angle", "angle_deg", None, "Viewing angle from the surface normal.", metavar="DEG")
 @click.option(
     "--unit", type=click.Choice(["C", "F"]), default="C", help="Unit the thermometer really displayed."
 )

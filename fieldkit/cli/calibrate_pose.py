@@ -8,17 +8,15 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, argument_range, number_option, parse_frame
-
-HFOV_DEG = argument_range("hfov_deg")
+from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, number_option, parse_frame
 
 
 @click.command(cls=common.Command)
 @click.argument("points", type=FILE)
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
 @click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
-@click.option(
-    "--hfov-deg", type=HFOV_DEG, metavar="DEG", help="Horizontal field of view [default: found as well]."
+@number_option(
+    "--hfov-deg", "hfov_deg", None, "Horizontal field of view [default: found as well].", metavar="DEG"
 )
 @number_option("--mark-sd-px", "mark_sd_px", 1.0, "Standard uncertainty of a mark.", metavar="PX")
 @click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")

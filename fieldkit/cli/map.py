@@ -88,13 +88,15 @@ def command(
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
     from fieldkit.results.executors import workers
-    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
+    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, variant
 
     chosen = None
     if products is not None:
         chosen = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     camera = read_pose(pose) if pose is not None else None
     base = partial(default_base, window=window, overrides=settings)
+    how: dict[str, Any] = {"window": window, "settings": settings, "present": present}
+    outputs = {"products": chosen, "pose": camera, "cell_m": cell_m, "notify": common.say}
     paths = find_sessions(sessions) if sessions else [latest_session(None)]
     if len(paths) > 1:
         if follow:
@@ -102,17 +104,10 @@ def command(
         of_map = variant(window, settings)
         bases = _bases(paths, out, base, of_map)
         with workers(jobs, address, len(bases)) as executor:
-            make_all = partial(map_sessions, window=window, settings=settings, present=present)
-            write_all = partial(make_all, products=chosen, pose=camera, cell_m=cell_m, notify=common.say)
-            _map_many(bases, partial(write_all, executor=executor), out, of_map)
+            _map_many(bases, partial(map_sessions, executor=executor, **how, **outputs), out, of_map)
         return
-    make = partial(slope_map, paths[0], window, settings=settings, present=present)
-
-    def write(session_map: MappedSession, base: Path) -> list[Path]:
-        return session_map.write(base, chosen, pose=camera, cell_m=cell_m, notify=common.say)
-
     name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
-    map_now = partial(_map, paths[0], name, make, write, on_one_line=follow)
+    map_now = partial(_map, paths[0], name, how, outputs, on_one_line=follow)
     if follow:
         _follow(paths[0], map_now)
     map_now()
@@ -131,16 +126,13 @@ def _follow(path: Path, map_now: Callable[[], None]) -> None:
 
 
 def _map(
-    path: Path,
-    base: Path,
-    make: Callable[..., MappedSession],
-    write: Callable[[MappedSession, Path], list[Path]],
-    *,
-    on_one_line: bool,
+    path: Path, base: Path, how: Mapping[str, Any], outputs: Mapping[str, Any], *, on_one_line: bool
 ) -> None:
+    from fieldkit.results.slope_map import slope_map
+
     with batch.progress_bar("mapping") as on_progress:
-        session_map = make(on_progress=on_progress)
-        files = write(session_map, base)
+        session_map = slope_map(path, **how, on_progress=on_progress)
+        files = session_map.write(base, **outputs)
     for note in session_map.notes:
         common.say(note)
     _say_earlier(base, files)

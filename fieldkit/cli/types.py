@@ -89,7 +89,7 @@ def default_option(
 
 
 def number_option(
-    name: str, argument: str, default: float, help: str, metavar: str | None = None
+    name: str, argument: str, default: float | None, help: str, metavar: str | None = None
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """An option for a number with a default, an argument of `fieldkit.calibrate`."""
     return default_option(name, argument, default, help, argument_range(argument), metavar)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from fieldkit.simulation.faults import (
     MOVED_PX,
     WARMED_K,
     WARMED_WITHIN_NS,
-    CloudTransmission,
     Fault,
     LightStep,
     cloud_transmission,
@@ -170,10 +170,17 @@ class Scene:
             beds=self.facets,
             ground=self.ground,
             exchange=self.exchange,
-            transmissions=self._cloud_transmissions(),
+            transmissions=[
+                *(step_transmission(self._at_s(step.time_ns), step.factor) for step in self.light_steps),
+                *(cloud_transmission(*span) for span in self._spans_s(FaultKind.CLOUD)),
+            ],
             response_s=self.response_s,
             circumsolar_share=self.circumsolar_share,
-            boards=self._boards(),
+            boards=tuple(
+                Board(last.name, *span)
+                for last in self.facets[-1:]
+                for span in self._spans_s(FaultKind.SHADE)
+            ),
         )
 
     @cached_property
@@ -205,39 +212,11 @@ class Scene:
         """Seconds after the origin of the series."""
         return (time_ns - self._origin_ns) / SECOND_NS
 
-    def _cloud_transmissions(self) -> list[CloudTransmission]:
-        steps = [step_transmission(self._at_s(step.time_ns), step.factor) for step in self.light_steps]
-        return steps + [cloud_transmission(*span) for span in self._spans_s(FaultKind.CLOUD)]
-
-    def _boards(self) -> tuple[Board, ...]:
-        """The boards that shade the last facet."""
-        name = self.facets[-1].name if self.facets else ""
-        return tuple(Board(name, *span) for span in self._spans_s(FaultKind.SHADE))
-
     def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
         return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))
 
 
-def sand_slopes(
-    *,
-    start_ns: int = ALAMOSA_NOON_NS,
-    duration_s: float = 3 * 3600.0,
-    seed: int = 1,
-    faults: tuple[Fault, ...] = (),
-    light_steps: tuple[LightStep, ...] = (),
-    motion: Motion | None = None,
-) -> Scene:
-    """Three hours of sand slopes from noon on, under the measured sky of the packaged day."""
+def sand_slopes(start_ns: int = ALAMOSA_NOON_NS, duration_s: float = 3 * 3600.0, **more: Any) -> Scene:
+    """Sand slopes under the measured sky of the packaged day, from noon on; `more` are fields of `Scene`."""
     weather = packaged_day()
-    sky = MeasuredSky(weather)
-    return Scene(
-        site=weather.site,
-        sky=sky,
-        facets=BEDS,
-        start_ns=start_ns,
-        duration_s=duration_s,
-        seed=seed,
-        faults=faults,
-        light_steps=light_steps,
-        motion=motion,
-    )
+    return Scene(weather.site, MeasuredSky(weather), BEDS, start_ns, duration_s, **more)

@@ -189,19 +189,12 @@ class SceneModel:
 
     def _brightness(self, surface: FloatArray, sky: SkyState) -> FloatArray:
         """Brightness temperatures (beds + 1, m): emitted radiance, and reflected from sky and ground."""
-        from_sky, from_ground = self._incident(surface[-1], sky)
-        return np.array(
-            [
-                _brightness_k(
-                    facet.emissivity,
-                    temperature,
-                    normal(facet.tilt_deg, facet.azimuth_deg)[2:],
-                    from_sky,
-                    from_ground,
-                )
-                for facet, temperature in zip((*self.beds, self.ground), surface, strict=True)
-            ]
-        )
+        incident = self._incident(surface[-1], sky)
+        rows = [
+            _brightness_k(facet.emissivity, kelvin, normal(facet.tilt_deg, facet.azimuth_deg)[2:], *incident)
+            for facet, kelvin in zip((*self.beds, self.ground), surface, strict=True)
+        ]
+        return np.array(rows)
 
 
 def _brightness_k(

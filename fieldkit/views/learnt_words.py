@@ -46,10 +46,15 @@ def short(parameter: LearntParameter) -> str:
     return f"{words}, {parameter.unit}" if 0 < len(parameter.unit) <= SHORT_UNIT else words
 
 
-def main(learnt: Learnt) -> list[LearntParameter]:
+def by_name(learnt: Learnt | None) -> dict[str, LearntParameter]:
+    """The parameters by their names; empty where nothing was learnt."""
+    return {parameter.name: parameter for parameter in learnt.parameters} if learnt else {}
+
+
+def main(learnt: Learnt | None) -> list[LearntParameter]:
     """The parameters that matter most, in the order of `FIRST`."""
-    by_name = {parameter.name: parameter for parameter in learnt.parameters}
-    return [by_name[name] for name in FIRST if name in by_name]
+    parameters = by_name(learnt)
+    return [parameters[name] for name in FIRST if name in parameters]
 
 
 def before(parameter: LearntParameter) -> str:

@@ -60,7 +60,7 @@ def _figures(data: ReportData) -> Iterator[Figure]:
 
 
 def _learnt_at(data: ReportData, minute: int) -> Iterator[str]:
-    for parameter in learnt_words.main(learnt) if (learnt := data.columns.learnt[minute]) else ():
+    for parameter in learnt_words.main(data.columns.learnt[minute]):
         yield f"{learnt_words.short(parameter)}: {learnt_words.value_text(parameter)}"
 
 
@@ -84,8 +84,7 @@ def _prior_and_posterior(learnt: Learnt) -> str:
 
 def _over_time(columns: Series, site: Site) -> plotting.OverTime:
     """The main parameters by minute with their intervals, a panel each; `columns` must have some."""
-    final = columns.final_learnt
-    names = [parameter.name for parameter in learnt_words.main(final)] if final else []
+    names = [parameter.name for parameter in learnt_words.main(columns.final_learnt)]
     figure, panels = plotting.panels(len(names), 0.6 + 1.1 * len(names))
     for index, (axes, name) in enumerate(zip(panels, names, strict=True)):
         _learning(axes, columns, name, plotting.colour(index))
@@ -110,19 +109,9 @@ def _on_prior(parameter: LearntParameter, number: float) -> float:
 
 
 def _learning(axes: Axes, columns: Series, name: str, colour: str) -> None:
-    parameters = [
-        next((parameter for parameter in learnt.parameters if parameter.name == name), None)
-        if learnt
-        else None
-        for learnt in columns.learnt
-    ]
-    low, value, high = (
-        np.array(
-            [np.nan if parameter is None else getattr(parameter, key) for parameter in parameters], np.float64
-        )
-        for key in ("low", "value", "high")
-    )
-    days, low, value, high = plotting.broken(columns.time_ns, low, value, high)
+    parameters = [learnt_words.by_name(learnt).get(name) for learnt in columns.learnt]
+    ends = [(known.low, known.value, known.high) if known else (np.nan,) * 3 for known in parameters]
+    days, low, value, high = plotting.broken(columns.time_ns, *np.transpose(ends))
     last = next(parameter for parameter in reversed(parameters) if parameter is not None)
     axes.axhspan(last.prior_low, last.prior_high, color=PRIOR_COLOUR, alpha=0.5, linewidth=0)
     axes.fill_between(days, low, high, color=colour, alpha=0.35, linewidth=0)
