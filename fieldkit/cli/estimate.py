@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,9 @@ from fieldkit.model.site import Region, RegionKind, Site
 if TYPE_CHECKING:
     from fieldkit.results.batch import EstimatedSessions
     from fieldkit.results.comparison import Comparison, Move
+
+Workers = tuple[int | None, str | None]
+"""Number of processes and scheduler, as `workers` takes them."""
 
 
 # --campaign and --without-mark, chosen for sessions, go on under the names of their arguments in Python
@@ -96,22 +100,17 @@ def command(
             )
         _estimate_tables(sessions, site, reference, settings)
         return
-    paths = find_sessions(sessions)
+    paths, how = find_sessions(sessions), {"settings": settings, **chosen}
     if together:
         if against or jobs is not None or address is not None:
             raise click.UsageError("sessions are joined in this process: omit -j, --address and --against")
-        _estimate_together(paths, out, settings, chosen)
+        _estimate_together(paths, out, how)
         return
-    _estimate_sessions(paths, out, (jobs, address), settings, against, chosen)
+    _estimate_sessions(paths, out, (jobs, address), against, how)
 
 
 def _estimate_sessions(
-    paths: Sequence[Path],
-    out: Path | None,
-    by: tuple[int | None, str | None],
-    settings: Sequence[str],
-    against: Sequence[str],
-    chosen: dict[str, Any],
+    paths: Sequence[Path], out: Path | None, by: Workers, against: Sequence[str], how: dict[str, Any]
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
     from fieldkit.results.comparison import compare
@@ -120,10 +119,11 @@ def _estimate_sessions(
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress, workers(*by, len(paths)) as executor:
-        estimates = estimate_sessions(paths, settings, **chosen, executor=executor, on_progress=on_progress)
+        run = partial(estimate_sessions, paths, executor=executor, on_progress=on_progress)
+        estimates = run(**how)
         other: EstimatedSessions | str = "".join(against)
         if len(against) > 1 or "=" in "".join(against):
-            other = estimate_sessions(paths, against, **chosen, executor=executor, on_progress=on_progress)
+            other = run(**{**how, "settings": against})
     if base is not None and estimates.estimates:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if estimates.estimates and other:
@@ -136,17 +136,13 @@ def _estimate_sessions(
     )
 
 
-def _estimate_together(
-    paths: Sequence[Path], out: Path | None, settings: Sequence[str], chosen: dict[str, Any]
-) -> None:
+def _estimate_together(paths: Sequence[Path], out: Path | None, how: dict[str, Any]) -> None:
     from fieldkit.results.estimate import require_slope, slopes_document
     from fieldkit.results.together import estimate_together
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating together") as on_progress:
-        estimates = estimate_together(
-            paths, settings, **chosen, notify=common.say_warning, on_progress=on_progress
-        )
+        estimates = estimate_together(paths, **how, notify=common.say_warning, on_progress=on_progress)
     if base is not None:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if common.options().json:
@@ -154,12 +150,8 @@ def _estimate_together(
     else:
         print_slopes(estimates.final, estimates.regions, estimates.learnt.final, estimates.checks)
         explain_slopes(estimates.final.values())
-        quoted_paths = shlex.join(map(str, paths))
-        common.say(
-            f"next: fieldkit report {quoted_paths}"
-            if base
-            else f"next: fieldkit estimate {quoted_paths} --together -o BASE"
-        )
+        words = ["report"] if base else ["estimate", "--together", "-o", "BASE"]
+        common.say(f"next: {shlex.join(['fieldkit', *words, *map(str, paths)])}")
     require_slope(estimates.final.values())
 
 

@@ -96,7 +96,7 @@ def command(
     camera = read_pose(pose) if pose is not None else None
     base = partial(default_base, window=window, overrides=settings)
     how: dict[str, Any] = {"window": window, "settings": settings, "present": present}
-    outputs = {"products": chosen, "pose": camera, "cell_m": cell_m, "notify": common.say}
+    outputs: dict[str, Any] = {"products": chosen, "pose": camera, "cell_m": cell_m, "notify": common.say}
     paths = find_sessions(sessions) if sessions else [latest_session(None)]
     if len(paths) > 1:
         if follow:

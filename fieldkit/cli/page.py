@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.model.errors import ConfigError, RefusedError, StorageError
+from fieldkit.model.errors import ConfigError, RefusedError, StorageError, os_errors_as
 from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Argument
 from fieldkit.views.service_manager import is_expected
@@ -78,14 +78,9 @@ def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *
         from fieldkit.page.server import Page, listening, server
     except ModuleNotFoundError as error:
         raise ConfigError("needed by the page", place=error.name, fix=install_extra("page")) from error
-    try:
+    fix = "try another " + Argument("port") + " or " + Argument("address")
+    with os_errors_as(RefusedError, "cannot serve here", place=f"{address}:{port}", fix=fix):
         listener = listening(address, port)
-    except OSError as error:
-        raise RefusedError(
-            f"cannot serve here: {error.strerror}",
-            place=f"{address}:{port}",
-            fix="try another " + Argument("port") + " or " + Argument("address"),
-        ) from error
     with listener:
         _print_links(config, address, port, "Ctrl-C ends the page")
         server(Page(config, port, settings, record=record)).run(sockets=[listener])

@@ -104,10 +104,8 @@ class DrawnField:
 
     def _damp(self, random: np.random.Generator) -> Stack:
         dry, *below = self.sand
-        crust_m, wetter = (
-            _between(random, self.spread.crust_m),
-            _between(random, self.spread.damp_conductivity),
-        )
+        spread = self.spread
+        crust_m, wetter = (_between(random, limits) for limits in (spread.crust_m, spread.damp_conductivity))
         damp = [
             replace(
                 slab,

@@ -4,7 +4,7 @@ formula.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -72,13 +72,8 @@ class MeasuredSky:
                 place=day.source,
                 fix="let the scene start on that day",
             )
-        return SkyState(
-            dni_w_m2=np.maximum(self._at(time_ns, "dni_w_m2"), 0.0),
-            dhi_w_m2=np.maximum(self._at(time_ns, "dhi_w_m2"), 0.0),
-            longwave_down_w_m2=self._at(time_ns, "longwave_down_w_m2"),
-            air_temperature_k=self._at(time_ns, "air_temperature_k"),
-            wind_m_s=self._at(time_ns, "wind_m_s"),
-        )
+        dni, dhi, *others = (self._at(time_ns, column.name) for column in fields(SkyState))
+        return SkyState(np.maximum(dni, 0.0), np.maximum(dhi, 0.0), *others)
 
     def _at(self, time_ns: IntArray, name: str) -> FloatArray:
         column: FloatArray = getattr(self.weather, name)
