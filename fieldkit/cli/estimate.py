@@ -100,13 +100,13 @@ def command(
             )
         _estimate_tables(sessions, site, reference, settings)
         return
-    paths, how = find_sessions(sessions), {"settings": settings, **chosen}
+    paths = find_sessions(sessions)
     if together:
         if against or jobs is not None or address is not None:
             raise click.UsageError("sessions are joined in this process: omit -j, --address and --against")
-        _estimate_together(paths, out, how)
+        _estimate_together(paths, out, settings, chosen)
         return
-    _estimate_sessions(paths, out, (jobs, address), against, how)
+    _estimate_sessions(paths, out, (jobs, address), against, {"settings": settings, **chosen})
 
 
 def _estimate_sessions(
@@ -136,13 +136,17 @@ def _estimate_sessions(
     )
 
 
-def _estimate_together(paths: Sequence[Path], out: Path | None, how: dict[str, Any]) -> None:
+def _estimate_together(
+    paths: Sequence[Path], out: Path | None, settings: Sequence[str], chosen: dict[str, Any]
+) -> None:
     from fieldkit.results.estimate import require_slope, slopes_document
     from fieldkit.results.together import estimate_together
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating together") as on_progress:
-        estimates = estimate_together(paths, **how, notify=common.say_warning, on_progress=on_progress)
+        estimates = estimate_together(
+            paths, settings, **chosen, notify=common.say_warning, on_progress=on_progress
+        )
     if base is not None:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if common.options().json:
