@@ -15,7 +15,7 @@ from typing import Any, overload
 from fieldkit.config import find_campaign
 from fieldkit.config.edit import editing, set_key
 from fieldkit.config.files import parse_toml, read_text
-from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
+from fieldkit.model.errors import ConfigError, IncompleteError, StorageError, os_errors_as
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
@@ -117,15 +117,10 @@ def export(  # type: ignore[misc]  # the options above are those below
             options |= _deposit(opened, license)
         options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
         used = {name: value for name, value in options.items() if value is not None and name in chosen.takes}
-        try:
+        fix = "name a folder that can be written and has room"
+        with os_errors_as(StorageError, "cannot write", place=target, fix=fix):
             target.mkdir(parents=True, exist_ok=True)
             files, problems = _write(opened, target, chosen, used)
-        except OSError as error:
-            raise StorageError(
-                f"cannot write: {error.strerror or error}",
-                place=target,
-                fix="name a folder that can be written and has room",
-            ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
 
 
