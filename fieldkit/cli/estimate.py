@@ -154,8 +154,8 @@ def _estimate_together(
     else:
         print_slopes(estimates.final, estimates.regions, estimates.learnt.final, estimates.checks)
         explain_slopes(estimates.final.values())
-        words = ["report"] if base else ["estimate", "--together", "-o", "BASE"]
-        common.say(f"next: {shlex.join(['fieldkit', *words, *map(str, paths)])}")
+        command = "report {}" if base else "estimate {} --together -o BASE"
+        common.say(f"next: fieldkit {command.format(shlex.join(map(str, paths)))}")
     require_slope(estimates.final.values())
 
 
