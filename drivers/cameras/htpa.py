@@ -29,11 +29,9 @@ from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 PORT = 30444
-CALL, BIND, RELEASE = (
-    b"Calling HTPA series devices",
-    b"Bind HTPA series device",
-    b"x Release HTPA series device",
-)
+CALL = b"Calling HTPA series devices"
+BIND = b"Bind HTPA series device"
+RELEASE = b"x Release HTPA series device"
 TEMPERATURES = b"K"
 ARRAY_TYPE = 10
 SIDE = 32

@@ -278,10 +278,8 @@ def _short_states(first: int) -> tuple[str, ...]:
     return tuple(word for bits, word in states if first & bits)
 
 
-TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = (
-    Layout(parse_two_probes, SHORT_LENGTH),
-    Layout(parse_one_probe, SHORT_LENGTH),
-)
+TWO_PROBE_LAYOUT = Layout(parse_two_probes, SHORT_LENGTH)
+ONE_PROBE_LAYOUT = Layout(parse_one_probe, SHORT_LENGTH)
 
 
 class Center303(SerialDriver):

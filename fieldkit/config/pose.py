@@ -186,7 +186,7 @@ class CameraPose:
 
 def read_pose(path: Path) -> CameraPose:
     """Read a file with the keys of ``[camera.pose]``. Raises `ConfigError`."""
-    return CameraPose(_table_in(path), path.parent)
+    return CameraPose(pose_table(parse_toml(read_text(path), path), path), path.parent)
 
 
 def load_pose(path: Path, time_ns: int) -> Pose:
@@ -208,7 +208,7 @@ def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
         return []
     try:
         if isinstance(pose, str) and pose:
-            table = _table_in(folder / pose).model_dump(exclude_none=True)
+            table = read_pose(folder / pose).table.model_dump(exclude_none=True)
             if "dem" in table:
                 table["dem"] = (Path(pose).parent / table["dem"]).as_posix()
             camera["pose"] = table
@@ -221,10 +221,6 @@ def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
     except ConfigError as error:
         return [Mistake(KEY, error.message)]
     return []
-
-
-def _table_in(path: Path) -> PoseTable:
-    return pose_table(parse_toml(read_text(path), path), path)
 
 
 def pose_table(values: dict[str, Any], path: Path) -> PoseTable:

@@ -69,8 +69,7 @@ class RegionSchedule:
     @property
     def latest(self) -> tuple[Region, ...]:
         """Every region once, as it was drawn last; also those that were removed."""
-        latest = {region.name: region for region in self.columns}
-        return tuple(latest[name] for name in self.names)
+        return tuple({region.name: region for region in self.columns}.values())
 
     @property
     def is_constant(self) -> bool:

@@ -164,13 +164,8 @@ class MeasuringPlan:
         """A row for each time and facet, as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
-        return pd.DataFrame(
-            [
-                {**{name: value for name, value in row.items() if name != "facets"}, **facet}
-                for row in self.rows
-                for facet in row["facets"]
-            ]
-        )
+        rows = [{**row, **facet} for row in self.rows for facet in row["facets"]]
+        return pd.DataFrame(rows).drop(columns="facets")
 
     def session(
         self,

@@ -209,17 +209,10 @@ class LivePreview:
         self._estimating = EstimatorThread(estimator, self._queue)
 
     def _readers(self, duration_s: float | None) -> list[DeviceReader]:
-        clock = self.instruments.clock
+        clock, reopen = self.instruments.clock, self.instruments.reopen
         end_ns = None if duration_s is None else clock.mono_ns() + round(duration_s * 1e9)
         return [
-            DeviceReader(
-                device,
-                partial(self.instruments.reopen, device.info.name),
-                self._queue,
-                clock,
-                Sampling(),
-                end_ns,
-            )
+            DeviceReader(device, partial(reopen, device.info.name), self._queue, clock, Sampling(), end_ns)
             for device in self.instruments.devices
         ]
 

@@ -208,10 +208,8 @@ def _most_covered(outline: Outline, beds: Sequence[Facet]) -> Facet | None:
 
 def _shared_px(outline: Outline, bed: Facet) -> int:
     """Number of the scene's pixels in both."""
-    inside, over = (
-        Region("", RegionKind.TARGET, points).mask(FRAME_SHAPE) for points in (outline, bed.points_px)
-    )
-    return int((inside & over).sum())
+    regions = (Region("", RegionKind.TARGET, points) for points in (outline, bed.points_px))
+    return int(np.logical_and(*(region.mask(FRAME_SHAPE) for region in regions)).sum())
 
 
 def _motion(simulation: SimulationTable) -> Motion | None:
