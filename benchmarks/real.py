@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from benchmarks.estimation_learned import SUNSHINE_W_M2
 from benchmarks.ok_counts import ok_words
@@ -106,7 +107,9 @@ class Case:
         half = _average(np.mean, [slope.tilt_half_width_deg for slope, _ in solved])
         yield Result(f"{self.name}: error of the normal, median", median, "deg", self.goal_deg, note)
         covered = _average(np.mean, inside)
-        note = f"half width {half:.1f}; {self._refusals()}"
+        tilt_errors = np.array([slope.tilt_deg - truth[0] for slope, truth in solved])
+        density = _log_density(tilt_errors, np.array([slope.tilt_half_width_deg for slope, _ in solved]))
+        note = f"half width {half:.1f}, {density}; {self._refusals()}"
         yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, note)
 
     def _refusals(self) -> str:
@@ -216,21 +219,36 @@ def pv(columns: Columns) -> Iterator[Result]:
 
 
 def _components(estimates: Sequence[tuple[SlopeEstimate, Truth]], goal_east: str = "") -> Iterator[Result]:
-    """Rows of the components to east and north apart."""
+    """Rows of the components to east and north apart; intervals only of the models that state them."""
     solved = [(slope, normal(*truth)) for slope, truth in estimates if slope.state in SOLVED]
     for axis, (name, goal) in enumerate({"east": goal_east, "north": ""}.items()):
         keys = [f"{name}_{end}deg" for end in ("", "low_", "high_")]
         numbers = [[getattr(slope, key) for key in keys] for slope, _ in solved]
         middle, low, high = np.reshape(numbers, (-1, 3)).T
         true = np.degrees(np.arcsin([truth[axis] for _, truth in solved]))
-        held = 100.0 * _average(
-            np.mean, ((low <= true + ROUNDING_DEG) & (true <= high + ROUNDING_DEG)).tolist()
+        leans = np.degrees(np.arcsin([_normal(slope)[axis] for slope, _ in solved]))
+        error: FloatArray = np.where(np.isfinite(middle), middle, leans) - true
+        note = ""
+        if np.isfinite(low).any():
+            held = 100.0 * np.mean((low <= true + ROUNDING_DEG) & (true <= high + ROUNDING_DEG))
+            half = 0.5 * (high - low)
+            note = f"held {held:.0f} %, half width {np.mean(half):.1f}, {_log_density(error, half)}"
+            note += f", {np.sum(half > 15.0)} undetermined" if axis else ""
+        yield Result(
+            f"  component to the {name}: mean error",
+            _average(np.mean, np.abs(error).tolist()),
+            "deg",
+            goal,
+            note,
         )
-        half = _average(np.mean, (0.5 * (high - low)).tolist())
-        open_days = sum(slope.north_high_deg - slope.north_low_deg > 30.0 for slope, _ in solved)
-        note = f"held {held:.0f} %, half width {half:.1f}" + (f", {open_days} undetermined" if axis else "")
-        error = _average(np.mean, np.abs(middle - true).tolist())
-        yield Result(f"  component to the {name}: mean error", error, "deg", goal, note)
+
+
+def _log_density(error_deg: FloatArray, half_deg: FloatArray) -> str:
+    """Mean logarithm of the density, per degree, that normal regions of 90 % give the truth."""
+    sd = half_deg / norm.ppf(0.95)
+    known = np.isfinite(error_deg) & (sd > 0.0)
+    densities = np.asarray(norm.logpdf(error_deg[known], scale=sd[known]))
+    return f"log density {_average(np.mean, densities.tolist()):.1f}"
 
 
 def triples(days: Sequence[TemperatureTable]) -> Iterator[tuple[TemperatureTable, ...]]:
@@ -284,6 +302,7 @@ def twin(columns: Columns) -> Iterator[Result]:
         for name, goal in TWIN_GOALS.items():
             mine = [estimate for estimate in estimates if estimate[0].region == name]
             yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
+            yield from _components(mine)
 
 
 def wall(columns: Columns) -> Iterator[Result]:
@@ -325,6 +344,7 @@ def _glob(columns: Columns) -> Iterator[Result]:
         settings = of_light(sky=sky, ground_albedo=albedo)
         estimates = _estimates(days, GLOB_SITE, settings, truths)
         yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", estimates, "<= 7", ">= 80").rows()
+        yield from _components(estimates)
 
 
 def _pyranometers(time_ns: IntArray, ghi: FloatArray, planes: Columns, dhi: FloatArray) -> TemperatureTable:
