@@ -159,7 +159,7 @@ def history_of(field: FieldMinutes, site: Site) -> History:
     >>> day = fieldkit.weather.packaged_day()
     >>> found = fieldkit.predict([(0, 180), (15, 180)], day, start="2016-01-01T09:00-07:00", minutes=240)
     >>> noon = fieldkit.recording.predict.history_of(found, day.site).since(180)
-    >>> reference, target = fieldkit.model.site.RegionKind
+    >>> reference, target, *_ = fieldkit.model.site.RegionKind
     >>> beds = [fieldkit.Region("flat", reference, (), 0.0, 0.0), fieldkit.Region("b15", target, ())]
     >>> settings = fieldkit.estimation.settings.EstimatorSettings(model="full")
     >>> fieldkit.estimation.chain.SlopeChain(beds, settings).at(noon).slopes

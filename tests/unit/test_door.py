@@ -15,6 +15,7 @@ from fieldkit.model.door import kinds_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import RegionKind
+from fieldkit.results.batch import EstimatedSessions
 from fieldkit.weather import packaged_day
 from tests.harness.next_steps import at
 
@@ -38,7 +39,7 @@ ARGUMENTS = [(name, argument) for name, door in doors() for argument in kinds_of
 CONFIG = config_from_text("[site]\nlatitude_deg = 1\nlongitude_deg = 1\n", Path("x.h5"))
 NUMBERS, TEXTS = (1.5, 0, 2j, (1, 1), [(1, 1)], [], ()), ("x", "station", b"x", Path("x"), ["x"])
 VALUES = (object(), None, {}, {"a": object()}, datetime.now(UTC), *NUMBERS, *TEXTS, RegionKind.TARGET, CONFIG)
-VALUES += (packaged_day(),)
+VALUES += (packaged_day(), EstimatedSessions((), {}, {}, (), False))
 
 
 def accepts(kind, value) -> bool:

@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
     fieldkit("init", "--simulated", folder)
     settings = folder / "fieldkit.toml"
     text = re.sub(
-        r"^\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
+        r"^#?\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
     )
     settings.write_text(text, "utf-8")
     fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", *FAST)
