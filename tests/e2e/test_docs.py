@@ -65,13 +65,17 @@ def assert_takes(words):
     command.make_parser(click.Context(command, info_name=name)).parse_args(words)
 
 
+COMMAND = r"""\bfieldkit ((?:'[^'\n]*'|"[^"\n]*"|\\\n|[^|;&>\n'"])+)"""
+"""The words of a command up to a redirection, a pipe or the next command; these may stand within quotes."""
+
+
 @pytest.mark.parametrize("page", transcripts.pages(), ids=lambda page: page.stem)
 def test_every_command_of_a_page_has_the_options_it_shows(page):
     for command, _ in transcripts.commands(page):
         if "<<'PYTHON'" in command:
             compile(command.split("\n", 1)[1].removesuffix("PYTHON"), page.name, "exec")
         else:
-            for words in re.findall(r"\bfieldkit ((?:\\\n|[^|;&>\n])+)", command):
+            for words in re.findall(COMMAND, command):
                 assert_takes(shlex.split(words.replace("\\\n", " ")))
 
 
