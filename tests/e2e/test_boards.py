@@ -152,7 +152,7 @@ def test_six_boards_from_the_box_to_a_slope(boards, tmp_path, monkeypatch, capsy
     monkeypatch.setattr("fieldkit.recording.opening.HostClock", FastClock)
     monkeypatch.setattr("sys.stdin", keyboard)
     commands = [
-        ("init", str(campaign), "--site", "37.70,-105.92,2317"),
+        ("init", str(campaign), "--site", "37.70,-105.92,2317", "--yes"),
         ("devices", "--add", "-C", str(campaign)),
         ("devices", "--add", boards, "-C", str(campaign)),
         ("roi", "suggest", "--accept", "-C", str(campaign)),
