@@ -14,6 +14,8 @@ from fieldkit.model.units import MINUTE_NS
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
+HASTE = timedelta(seconds=30)
+"""Marks of a moment ago may be of just before the recording."""
 FAR = timedelta(days=3653)
 """A mark further from now is a typing error, also where the recording's start is not known."""
 
@@ -55,13 +57,13 @@ def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
     """Raise `ConfigError` for a mark outside its recording, or with an end before its start.
 
     The recording goes from the minute of `start_ns`, UTC nanoseconds or 0 if unknown, to `now`, by a
-    watch that may be fast.
+    watch that may be wrong.
     """
     ends = [mark.at] if mark.to is None else [mark.at, mark.to]
     moments = [moment_of(end, now) for end in ends]
     start = datetime.fromtimestamp(start_ns // MINUTE_NS * 60, now.tzinfo) if start_ns else now - FAR
     for end, moment in zip(ends, moments, strict=True):
-        if not start <= moment <= now + CLOCKS_DIFFER:
+        if not start - HASTE <= moment <= now + CLOCKS_DIFFER:
             text = f"{end:g} s" if isinstance(end, float) else str(end)
             what = f"outside the recording, from {start:%Y-%m-%d %H:%M} to {now:%Y-%m-%d %H:%M}"
             raise ConfigError(what, place=text, fix="give a time within the recording")

@@ -17,6 +17,7 @@ from fieldkit.page.pictures import THUMBNAIL_COLS
 from fieldkit.page.sessions import identifier
 from fieldkit.results.describe import recorded_slopes
 from fieldkit.sessions.writer import SessionWriter
+from fieldkit.views.formatting import local_time
 from tests.harness import field_page
 from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
 from tests.harness.page import Answer, Served, served
@@ -55,6 +56,7 @@ def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_the
     path = folder / "recordings/marked.h5"
     with fieldkit.open_session(path) as session:
         made = [event.text for event in session.events(recorded=True)]
+        at = local_time(session.start_ns, session.site).isoformat()
     this = {"session": identifier(path)}
     with page.browser("view") as looking:
         cloud = looking.request(do="marks", **this)["data"][2]
@@ -62,7 +64,7 @@ def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_the
         assert not looking.request(do="take_back", mark=2, **this)["ok"]
     with page.browser() as browser:
         assert browser.request(do="take_back", mark=2, **this)["ok"]
-        done = browser.request(do="edit_mark", mark=3, text="haze", kind="sky", at="12:00", **this)
+        done = browser.request(do="edit_mark", mark=3, text="haze", kind="sky", at=at, **this)
         assert done["data"] == {"mark": 3, "text": "haze"}
         _, first, second = browser.request(do="marks", **this)["data"]
         assert (first["text"], first["counts"]) == ("wind", False)

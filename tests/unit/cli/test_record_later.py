@@ -114,7 +114,7 @@ def test_python_and_the_page_call_off_a_recording_that_waits(campaign):
     with served(campaign) as page, page.browser() as browser:
         assert detached(campaign, *waits).returncode == 0
         browser.next("state", phase="waiting")
-        assert browser.request(do="stop", confirm=True)["text"].startswith("called off")
+        assert browser.request(do="stop", confirm=True)["key"] == "done.called_off"
         assert waiting_recorder(campaign / "recordings") is None
         browser.next("state", phase="no-instruments")
     assert not list((campaign / "recordings").glob("*.h5*"))
