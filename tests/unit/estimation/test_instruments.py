@@ -184,7 +184,7 @@ def test_hourly_values_stand_until_the_next_are_due():
     [
         ("thermometer:T9", "'T9'", "thermometer: T1, T2, T3, air"),
         ("thermometer:0", "'0'", "T1"),
-        ("lux:1", "lux measures illuminance", "thermometers: thermometer"),
+        ("lux:1", "lux measures illuminance", "name a thermometer: thermometer"),
         ("thermometer:air", "thermometer:air", "labels"),
     ],
 )

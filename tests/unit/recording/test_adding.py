@@ -61,9 +61,7 @@ def test_what_is_connected_is_added_and_every_comment_stays(plug, file):
     done = add_devices(file, ask=lambda question: asked.append(question) or question.proposal)
     assert [(one.name, one.quantity, one.unit) for one in done.added] == [("lux", "illuminance", "lx")]
     assert [(one.key, one.proposal, "98760 lx" in str(one)) for one in asked] == [("driver", "lutron", True)]
-    assert file.read_text() == before.replace(
-        "\n#[lux]\n", '\n[lux]\ndriver = "lutron"\nidentity = "10c4:ea60:A7"\n'
-    )
+    assert file.read_text() == before + '\n[lux]\ndriver = "lutron"\nidentity = "10c4:ea60:A7"\n'
     with fieldkit.open_campaign(file.parent).open_devices() as devices:
         assert devices["lux"].read().value == 98760.0
 
