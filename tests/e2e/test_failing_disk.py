@@ -55,9 +55,10 @@ def check_kept(folder: Path, task: Task, outcome: dict[str, object], *, survives
     assert str(outcome["outcome"]) in ends, outcome
     for copy in [*path.parent.glob("*.nc"), *path.parent.glob("exported/*.nc")]:
         with h5py.File(copy) as file:
-            sizes: list[int] = []
-            file.visititems(lambda _, node: sizes.append(getattr(node, "size", 0)))
-            assert sum(sizes), copy  # one that is there is whole
+            names: list[str] = []
+            file.visit(names.append)
+            assert all(file[name].name for name in names), copy  # one that is there is whole
+            assert names, copy
     kept = Cache(path.parent / "cache", checksums=["sealed"]).load(LATER)
     assert kept is None or (kept["estimates"] == ESTIMATES).all()
     if not path.exists() and not journal_path(path).exists():
