@@ -108,10 +108,7 @@ class StoredTimes:
     def steps(self) -> list[TimeStep]:
         """The active corrections; an open file never gets others, because a changed one takes its place."""
         try:
-            group = stored_here(self._file, "time_map")
-            if not any(map(len, columns_of(group, TIME_MAP_COLUMNS[:1]).values())):
-                return []  # as nearly always: the others are not opened
-            columns = corrections(group, TIME_MAP_COLUMNS)
+            columns = corrections(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
         except SessionError as error:
             raise explain(self.path, error) from error
         latest = columns["version"].max(initial=0)

@@ -244,7 +244,7 @@ def explained(path: Path, problem: str, fix: Text, *kinds: type[BaseException]) 
     except ImportError as error:
         raise ConfigError(f"needs {error.name}", place=path, fix=install_extra("files")) from error
     except kinds as error:
-        raise ConfigError(f"{problem}: {str(error)[:200]}", place=path, fix=fix) from error
+        raise ConfigError(f"{problem} ({str(error)[:200]})", place=path, fix=fix) from error
 
 
 def refuse_large(path: Path, most_bytes: int) -> None:

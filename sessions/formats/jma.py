@@ -335,4 +335,4 @@ def encoding_of(path: Path) -> str:
 
 def _not_understood(path: Path, why: str) -> ConfigError:
     """The error of a file that is laid out otherwise."""
-    return ConfigError(f"{_NOT_AS}: {why}", place=path, fix=_ANEW)
+    return ConfigError(f"{_NOT_AS} ({why})", place=path, fix=_ANEW)

@@ -245,7 +245,7 @@ def _text(path: Path, encoding: str) -> Contents:
         place = Argument("encoding", encoding)
         raise ConfigError("no such encoding", place=place, fix=_NAME_ENCODING) from error
     except UnicodeError as error:
-        raise ConfigError(f"{_UNREADABLE}: {error}", place=path, fix=_SAVE) from error
+        raise ConfigError(f"{_UNREADABLE} ({error})", place=path, fix=_SAVE) from error
     text, count = _ZEROS.subn("", text)
     if "\0" in text:
         raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)

@@ -26,10 +26,10 @@ from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
 
-def small_session(path: Path) -> Path:
+def small_session(path: Path, license: str = "") -> Path:
     """A sealed session that has something in every table, and a corrected clock and mark."""
     clock = CountedClock()
-    writer = SessionWriter(path, replace(header((8, 10)), license="CC-BY-4.0"), clock)
+    writer = SessionWriter(path, replace(header((8, 10)), license=license), clock)
     fill(writer, 10, clock)
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)

@@ -149,7 +149,7 @@ def folder(tmp_path):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    return small_session(tmp_path_factory.mktemp("small") / "field.h5")
+    return small_session(tmp_path_factory.mktemp("small") / "field.h5", license="CC-BY-4.0")
 
 
 def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path):
