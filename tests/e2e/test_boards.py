@@ -176,4 +176,4 @@ def test_six_boards_from_the_box_to_a_slope(boards, tmp_path, monkeypatch, capsy
     for tilt_deg, slope in zip(truth, sorted(slopes, key=lambda slope: slope["tilt_deg"]), strict=True):
         low, high = slope["tilt_region_deg"]
         assert low <= tilt_deg <= high
-        assert slope["tilt_deg"] == pytest.approx(tilt_deg, rel=0.3)
+        assert slope["tilt_deg"] == pytest.approx(tilt_deg, rel=0.3, abs=2.5)
