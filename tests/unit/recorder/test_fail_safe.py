@@ -19,6 +19,7 @@ RECORDER = """
 import sys, time
 from fieldkit.recorder.fail_safe import FailSafe
 output = FailSafe(sys.argv[1], sys.argv[2:])
+output.show(None)
 print("up", flush=True)
 while True:
     output.show(None)
