@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from fieldkit.model.samples import NumberedEnum, Quality
 from fieldkit.model.site import Region, RegionKind
 
 NAN = float("nan")
+K = TypeVar("K")
 
 
 class SlopeState(NumberedEnum):
@@ -193,13 +194,16 @@ SHORT_FIELDS = tuple(field for field in SLOPE_FIELDS.values() if field.short)
 """Those with a column of their own in tables for people."""
 
 
-def final_estimate(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:
-    """The last estimate of one region, in order of time, that has a slope; else the last one."""
-    final: SlopeEstimate | None = None
-    for estimate in estimates:
-        if final is None or estimate.state in WITH_SLOPE or final.state not in WITH_SLOPE:
-            final = estimate
-    return final
+def final_rows(regions: Iterable[K], has_slope: Sequence[bool]) -> dict[K, int]:
+    """Row of each region's final estimate: its last row with a slope, else its last one.
+
+    `regions` and `has_slope` are of estimates (n,) in order of time.
+    """
+    rows: dict[K, int] = {}
+    for row, region in enumerate(regions):
+        if has_slope[row] or not has_slope[rows.get(region, row)]:
+            rows[region] = row
+    return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +225,8 @@ def final_estimates(
     estimates: Iterable[SlopeEstimate], regions: Sequence[Region]
 ) -> dict[str, SlopeEstimate]:
     """The final estimate of each target that was estimated, in the order of the regions."""
+    in_order = list(estimates)
+    states = [estimate.state in WITH_SLOPE for estimate in in_order]
+    rows = final_rows((estimate.region for estimate in in_order), states)
     targets = [region.name for region in regions if region.kind is RegionKind.TARGET]
-    by_region: dict[str, list[SlopeEstimate]] = {name: [] for name in targets}
-    for estimate in estimates:
-        by_region.setdefault(estimate.region, []).append(estimate)
-    finals = {name: final_estimate(by_region[name]) for name in targets}
-    return {name: final for name, final in finals.items() if final is not None}
+    return {name: in_order[rows[name]] for name in targets if name in rows}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.errors import ConfigError, message_of
-from fieldkit.model.slope import WITH_SLOPE
+from fieldkit.model.slope import WITH_SLOPE, final_rows
 from fieldkit.results.batch import EstimatedSessions
 from fieldkit.results.result_files import earlier_results
 
@@ -103,17 +103,17 @@ def _other_rows(other: EstimatedSessions | str | Path) -> Iterable[dict[str, Any
         with table.open(newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot be read: {message_of(error)}", place=table) from error
+        fix = "estimate the other sessions again, with an output"
+        raise ConfigError(f"cannot be read: {message_of(error)}", place=table, fix=fix) from error
 
 
 def _finals(rows: Iterable[dict[str, Any]]) -> dict[tuple[str, str], dict[str, Any]]:
-    """The final row of each region by session and name: the last with a slope, else the last."""
-    finals: dict[tuple[str, str], dict[str, Any]] = {}
-    for row in rows:
-        key = row["session"], row["region"]
-        if row["state"] in _WITH_SLOPE or finals.get(key, row)["state"] not in _WITH_SLOPE:
-            finals[key] = row
-    return finals
+    """The final row of each region by session and name."""
+    rows = list(rows)
+    final = final_rows(
+        ((row["session"], row["region"]) for row in rows), [row["state"] in _WITH_SLOPE for row in rows]
+    )
+    return {key: rows[place] for key, place in final.items()}
 
 
 def _move(key: tuple[str, str], row: Mapping[str, Any], other: Mapping[str, Any]) -> Move:

@@ -20,7 +20,7 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region, Site
-from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates
+from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates, final_rows
 from fieldkit.results.json_document import attributes, learnt_document
 from fieldkit.results.sources import TABLES
 from fieldkit.sessions.layout import decode_text
@@ -133,10 +133,7 @@ def settings_digest(config_toml: str) -> str:
 def _brief_regions(session: SessionOutline) -> list[dict[str, Any]]:
     """The final slope of each target, in the order of the recording."""
     table = session.table("estimates", "region", "state", *_BRIEF_ANGLES)
-    has_slope, final = np.isin(table["state"], WITH_SLOPE), dict[bytes, int]()
-    for row, region in enumerate(table["region"].tolist()):
-        if region not in final or has_slope[row] or not has_slope[final[region]]:
-            final[region] = row
+    final = final_rows(table["region"].tolist(), np.isin(table["state"], WITH_SLOPE).tolist())
     known_deg = {region.name: region.tilt_deg for region in session.header.regions}
     return [
         {

@@ -25,7 +25,14 @@ from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SOLVED, WITH_SLOPE, ReferenceCheck, SlopeEstimate, SlopeState, final_estimate
+from fieldkit.model.slope import (
+    SOLVED,
+    WITH_SLOPE,
+    ReferenceCheck,
+    SlopeEstimate,
+    SlopeState,
+    final_estimates,
+)
 from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     direct_irradiance,
@@ -95,8 +102,8 @@ class TargetSeries:
     @property
     def final_estimate(self) -> SlopeEstimate | None:
         """The slope that stands for the session, or None where none was found."""
-        final = final_estimate(estimate for estimate in self.estimates if estimate is not None)
-        return final if final is not None and final.state in WITH_SLOPE else None
+        finals = final_estimates(filter(None, self.estimates), [self.region])
+        return next((final for final in finals.values() if final.state in WITH_SLOPE), None)
 
     @property
     def last(self) -> SlopeEstimate | None:

@@ -7,7 +7,6 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import (
     SlopeEstimate,
     SlopeState,
-    final_estimate,
     final_estimates,
     half_width_deg,
     is_too_wide,
@@ -18,20 +17,21 @@ OTHER = Region("c", RegionKind.TARGET, ())
 FLAT = Region("flat", RegionKind.REFERENCE, ())
 
 
-def said(*states: SlopeState) -> list[SlopeEstimate]:
-    return [SlopeEstimate(minute, "b", state) for minute, state in enumerate(states)]
+def final(*states: SlopeState) -> SlopeEstimate | None:
+    estimates = [SlopeEstimate(minute, "b", state) for minute, state in enumerate(states)]
+    return final_estimates(estimates, [BED]).get("b")
 
 
-def test_the_last_slope_that_was_said_stands_for_the_session():
+def test_the_last_slope_stands_for_the_session():
     few, ok, low = SlopeState.TOO_FEW, SlopeState.OK, SlopeState.LOW_SUN
-    assert final_estimate(said(few, ok, ok, low)).time_ns == 2
-    assert final_estimate(said(ok, SlopeState.HELD_CLOUD)).state == SlopeState.HELD_CLOUD
-    assert final_estimate(said(ok, SlopeState.NO_INTERSECTION)).time_ns == 0
+    assert final(few, ok, ok, low).time_ns == 2
+    assert final(ok, SlopeState.HELD_CLOUD).state == SlopeState.HELD_CLOUD
+    assert final(ok, SlopeState.NO_INTERSECTION).time_ns == 0
 
 
 def test_without_any_slope_the_last_reason_stands():
-    assert final_estimate(said(SlopeState.TOO_FEW, SlopeState.NO_DATA)).state == SlopeState.NO_DATA
-    assert final_estimate([]) is None
+    assert final(SlopeState.TOO_FEW, SlopeState.NO_DATA).state == SlopeState.NO_DATA
+    assert final() is None
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_a_stated_half_width_is_kept():
     assert replace(slope, tilt_deg=2.0).tilt_half_width_deg == 3.3
 
 
-def test_answers_come_in_the_order_of_the_regions_and_only_for_targets():
-    estimates = [*(replace(one, region="c") for one in said(SlopeState.OK)), *said(SlopeState.FLAT)]
+def test_final_estimates_are_of_targets_in_the_order_of_the_regions():
+    estimates = [SlopeEstimate(0, "c", SlopeState.OK), SlopeEstimate(0, "b", SlopeState.FLAT)]
     assert list(final_estimates(estimates, (FLAT, BED, OTHER))) == ["b", "c"]
     assert final_estimates([], (FLAT, BED)) == {}
