@@ -38,7 +38,7 @@ FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format
 )
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
 @click.option(
-    "--license", metavar="SPDX", help="Licence of an RO-Crate, such as CC-BY-4.0; kept in fieldkit.toml."
+    "--license", metavar="SPDX", help="Licence of an RO-Crate, such as CC-BY-4.0; written to fieldkit.toml."
 )
 def command(session: Path | None, to: str, speed: str, **options: Any) -> None:
     """Write a session for other programs."""

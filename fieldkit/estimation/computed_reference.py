@@ -1,4 +1,4 @@
-"""A reference that was computed from the weather, told from a measured one by what it lacks: scatter.
+"""A reference that was computed from the weather is recognised by what it lacks: scatter.
 
 Gusts, and errors of the weather's instruments, reach every surface on the spot and stand in no column. A
 temperature that was computed from the columns follows them without a remainder, and an estimate would take

@@ -29,8 +29,6 @@ DEPTH_MEASURED_SD = 0.1
 """Relative. Judged: because a ruler in 3 cm of sand reads to 3 mm."""
 OFFSET_SD_K = 0.05
 """What a calibration of uniformity leaves of the offsets."""
-
-
 SHADE_TEST = {"exchange": 0.12, "thermal_inertia": 0.08}
 """Relative. What a shade test of each bed leaves of both in simulated sessions of three hours."""
 

@@ -65,16 +65,15 @@ Judged: because a board that shades ten seconds of a minute makes less of a fall
 class DoubtfulShade(NamedTuple):
     """Shade that was marked, or found before, and that the temperatures contradict.
 
-    `minute` is the first one, since 1970 UTC.
+    `minute` is the first one, in minutes since 1970 UTC.
     """
 
-    kind: str
     region: str
     minute: int
 
     def __str__(self) -> str:
         start = datetime.fromtimestamp(60 * self.minute, UTC)
-        return f"{self.region} does not cool in the {self.kind} of {start:%H:%M} UTC: is the mark right?"
+        return f"{self.region} does not cool in the shade of {start:%H:%M} UTC: is the mark right?"
 
 
 def likely_shaded(flagged: BoolArray, history: History) -> BoolArray:
@@ -188,7 +187,7 @@ def doubtful_shades(flagged: BoolArray, history: History, names: Sequence[str]) 
     """Flags of regions with these names that most of their minutes contradict, as in `likely_shaded`."""
     shaded = likely_shaded(flagged, history)
     return [
-        DoubtfulShade("shade", name, int(history.minute[first]))
+        DoubtfulShade(name, int(history.minute[first]))
         for region, name in enumerate(names)
         for first, _ in _contradicted(flagged[:, region], shaded[:, region])
     ]

@@ -72,6 +72,7 @@ def _watch(line: str, command: Sequence[str]) -> None:
         signal.signal(number, signal.SIG_IGN)
     port = _raised(line)
     os.write(1, b"ready\n")
+    # a recording may wait for its time or trigger: the first sign of life is awaited for as long as it takes
     is_up, wait_s, sign = True, None, b"."
     while sign:
         is_alive = bool(select.select([0], [], [], wait_s)[0])

@@ -380,9 +380,8 @@ def prepare(
         opened.enter_context(only_recorder(config.recordings))
         await_unlocked(config.recordings, PREVIEW_LOCK_NAME, PREVIEW_ENDS_WITHIN_S)
         left = opened.enter_context(left_samples(config.recordings))
-        scene_s = (
-            None if options.at or options.on_trigger else duration_s
-        )  # a simulated field goes on while its recorder waits
+        # a simulated field goes on while its recorder waits
+        scene_s = None if options.at or options.on_trigger else duration_s
         instruments = opened.enter_context(
             open_instruments(
                 config,

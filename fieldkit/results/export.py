@@ -81,7 +81,7 @@ def export(  # type: ignore[misc]  # the options above are those below
         Colours of images and videos, of `fieldkit.palettes.NAMES`; inferno by default.
     license : str, optional
         Of an RO-Crate, by default the campaign's: an SPDX identifier such as ``"CC-BY-4.0"``, or an address.
-        It is kept in ``fieldkit.toml``.
+        It is written to ``fieldkit.toml``.
     executor : Executor, optional
         Any of `concurrent.futures`, whose workers read and write; this process unless given.
     on_frame : callable, optional
@@ -135,7 +135,7 @@ def campaign_facts(session: SessionReader) -> dict[str, str]:
 
 
 def _deposit(session: SessionReader, license: str | None) -> dict[str, str]:
-    """Licence and ORCID of a deposit; a licence that is given is kept in the campaign's file."""
+    """Licence and ORCID of a deposit; a licence that is given is written to the campaign's file."""
     facts = campaign_facts(session)
     if license is None and not facts["license"]:
         raise ConfigError(

@@ -51,7 +51,7 @@ def _lines(name: str, meaning: str, values: Mapping[tuple[str, ...], float]) -> 
     yield f"# HELP fieldkit_{name if kind == 'gauge' else family} {meaning}."
     for labels, value in values.items():
         pairs = ",".join(
-            f'{key}="{text}"' for key, _, text in (_escaped(one).partition("=") for one in labels)
+            f'{key}="{text}"' for key, _, text in (_escaped(label).partition("=") for label in labels)
         )
         yield f"fieldkit_{name}{{{pairs}}} {float(value) if math.isfinite(value) else 'NaN'}"
 

@@ -107,7 +107,7 @@ def test_a_marked_shade_that_cools_nothing_counts_for_nothing_and_is_named(world
         # under a cloud a board cools nothing either
         assert not shaded(history)[history.dni_w_m2 > 500.0].any()
         (shade,) = doubtful(history, layout, world.regions)
-        assert shade == ("shade", world.regions[region].name, history.minute[first])
+        assert shade == (world.regions[region].name, history.minute[first])
 
 
 def test_a_contradicted_mark_moves_no_slope_and_is_in_its_reason(world, undisturbed):
