@@ -109,5 +109,5 @@ $(VENV)/.genicam: $(VENV)/.test
 	touch $@
 
 $(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.release: $(VENV)/.%: pyproject.toml constraints.txt $(VENV)/.pip
-	$(PIP) --editable '.[lab,alarms,files,page,terrain]' --group $*
+	$(PIP) --editable '.[lab,alarms,files,network,page,terrain]' --group $*
 	touch $@
