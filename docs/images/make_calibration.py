@@ -7,7 +7,7 @@ import shutil
 from demo_day import DemoDay
 
 IMAGES = ("emissivity.svg",)
-TRUTH = ("simulation.foil=b05", "simulation.emissivity=0.85", "simulation.speed=max", "record.burst_frames=3")
+TRUTH = ("simulation.emissivity=0.85", "simulation.speed=max", "record.burst_frames=3")
 
 
 def main(day: DemoDay) -> None:

@@ -89,9 +89,11 @@ def emissivity(
 
     Examples
     --------
-    >>> with_foil = fieldkit.open_campaign("sandslope", {"simulation.speed": "max", "simulation.foil": "b05"})
-    >>> session = fieldkit.record(with_foil, duration="15m", name="foil")
-    >>> fieldkit.calibrate.emissivity(session, sample="dry-sand", reflected="b05")
+    >>> options = fieldkit.calibrate.MeasurementOptions(reflected="b05", temperatures=9, duration="15m")
+    >>> recorded = fieldkit.calibrate.record_emissivity(
+    ...     "sandslope", sample="dry-sand", options=options, settings={"simulation.speed": "max"}
+    ... )
+    >>> fieldkit.calibrate.emissivity(recorded.path, sample="dry-sand", reflected="b05")
     <EmissivityCalibration: emissivity 0.900 ± 0.032 (k=2)   band 8-14 um, flat   residual 0.03 K   n=4 ...>
     """
     options = options or measurement.MeasurementOptions()

@@ -85,9 +85,8 @@ def record_emissivity(
     Examples
     --------
     >>> options = fieldkit.calibrate.MeasurementOptions(reflected="b05", temperatures=1, duration="10m")
-    >>> quick = {"simulation.speed": "max", "simulation.foil": "b05"}
     >>> recorded = fieldkit.calibrate.record_emissivity(
-    ...     "sandslope", sample="sand", options=options, settings=quick
+    ...     "sandslope", sample="sand", options=options, settings={"simulation.speed": "max"}
     ... )
     >>> recorded.path.name
     '20160101T190001Z-sand.h5'
@@ -141,6 +140,9 @@ def prepare_emissivity(
 ) -> Iterator[PreparedMeasurement]:
     """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
     require_name(sample)
+    foil, _ = measurement.reflected_source(options.reflected, config.regions, config.path)
+    if foil is not None:  # it is no bed: the recording gives it no slope
+        config = config.with_kind(foil.name, "foil")
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, RecordOptions(name=sample, duration_s=duration_s), notify) as recording:
         probes = config.estimator_settings().probes
@@ -188,7 +190,7 @@ class SteadyView:
         advice = list(advice_on_probe(readings, levels_k, self.config.estimator_settings()))
         with suppress(CalibrationError):  # as long as the intervals do not determine it
             fit = setup.fit(pairs_of(intervals)[0])
-            beds = [bed for bed in self.config.regions if bed not in (setup.foil, setup.tape)]
+            beds = [bed for bed in self.config.regions if bed != setup.tape]
             advice.append(advice_on_result(fit, minute, beds, self.config))
         lines = [line for line, _ in advice]
         self.on_minute("\n".join(f"   {line}" for line in (f"{_state(readings)}   {progress}", *lines)))

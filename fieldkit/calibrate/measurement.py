@@ -62,6 +62,7 @@ class MeasurementOptions:
         Probe of the thermometer, by name or by number from 1; the region's own by default, or else the first.
     reflected : str or float
         Region of a foil that shows the reflected temperature, that temperature in °C, or ``free`` to fit it.
+        By default the region whose kind is foil, or else the one of that name.
     tape : str, optional
         Region of a tape or paint of known emissivity, used instead of a thermometer.
     tape_emissivity, tape_sd : float
@@ -243,7 +244,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     if camera is None:
         raise ConfigError("no camera", place=where, fix="name a session with frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
-    foil, reflected_k = _reflected_source(options.reflected, regions, where)
+    foil, reflected_k = reflected_source(options.reflected, regions, where)
     setup = MeasurementSetup(
         options,
         camera,
@@ -307,12 +308,14 @@ def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
     return reported if given is None else given
 
 
-def _reflected_source(
+def reflected_source(
     reflected: str | float, regions: Sequence[Region], where: Path
 ) -> tuple[Region | None, float]:
     """The foil's region or the reflected temperature in kelvin."""
     if reflected == FITTED:
         return None, NOT_MEASURED_K
+    if reflected == "foil":
+        reflected = next((region.name for region in regions if region.kind is RegionKind.FOIL), reflected)
     try:
         celsius = float(reflected)
     except ValueError:

@@ -24,12 +24,15 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 _property_options = common.options_together(
+    click.option("--target", "kind", flag_value="target", help="Its slope is estimated; the default."),
+    click.option("--reference", "kind", flag_value="reference", help="Its slope is known: flat ground."),
+    click.option("--foil", "kind", flag_value="foil", help="Aluminium foil: shows what the ground reflects."),
     click.option("--tilt", "tilt_deg", type=NumberRange(0, 90), help="Tilt from horizontal, degrees."),
     click.option("--azimuth", "azimuth_deg", type=NumberRange(0, 360), help="Azimuth from north, clockwise."),
     click.option("--emissivity", type=OR_RECORD, help="Emissivity in the camera's band, or its record."),
     click.option("--offset", "offset_k", type=OR_RECORD, help="Temperature offset there, K, or its record."),
 )
-"""What is measured of a region, by the names of its keys in ``fieldkit.toml``."""
+"""What a region is for and what is measured of it, by the names of its keys in ``fieldkit.toml``."""
 
 
 @click.group(cls=common.CommandGroup)
@@ -49,9 +52,6 @@ def command() -> None:
 @click.option(
     "--ground", is_flag=True, help="The same by camera.pose; the region stays on the ground when it changes."
 )
-@click.option(
-    "--reference/--target", help="Flat reference, or target whose slope is estimated [default: target]."
-)
 @_property_options
 def add(
     name: str,
@@ -60,7 +60,6 @@ def add(
     rect: tuple[float, float, float, float] | None,
     pose: Path | None,
     ground: bool,
-    reference: bool,
     **properties: float | str | None,
 ) -> None:
     r"""Add the region NAME to fieldkit.toml.
@@ -88,7 +87,7 @@ def add(
     corners = [first, *more] if first else []
     points = corners if pose is None else _on_frame(file, pose, corners)
     where: dict[str, Any] = {"points": points, "is_ground": ground, "rect": rect}
-    addition = partial(add_region, name=name, **where, reference=reference, **_stated_properties(properties))
+    addition = partial(add_region, name=name, **where, **_stated_properties(properties))
     region, reply = change_regions(file, addition)
     _print_change(file, name, {"region": region}, "added to", reply)
 
@@ -155,7 +154,7 @@ def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
 @click.option("--shrink", type=NumberRange(0, min_open=True), metavar="PX", help="Move every edge inwards.")
 @_property_options
 def edit(name: str, shrink: float | None, **properties: float | str | None) -> None:
-    """Change the region NAME in fieldkit.toml: its size or its measured properties.
+    """Change the region NAME in fieldkit.toml: its size, its kind or its measured properties.
 
     A running recording uses the change from the next full minute on, but keeps its offsets. Finished sessions
     keep the regions they were recorded with; with --campaign, estimate, report and map use the new ones.
@@ -165,7 +164,9 @@ def edit(name: str, shrink: float | None, **properties: float | str | None) -> N
 
     edits = _stated_properties(properties)
     if shrink is None and not edits:
-        raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
+        raise click.UsageError(
+            "give what to change: --shrink, --reference, --tilt, --azimuth, --emissivity or --offset"
+        )
     file = campaign_file()
     changes, reply = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **edits))
     _print_change(file, name, {"region": {"name": name, **changes}}, "changed in", reply)

@@ -85,6 +85,14 @@ class Config:
         """The regions, in the order of the file; a reference of unknown tilt is horizontal."""
         return tuple(table.region for table in self.tables.region)
 
+    def with_kind(self, region: str, kind: str) -> Config:
+        """The configuration with one region of another kind, such as ``foil``."""
+        regions = [
+            table.model_copy(update={"kind": kind}) if table.name == region else table
+            for table in self.tables.region
+        ]
+        return replace(self, tables=self.tables.model_copy(update={"region": regions}))
+
     @property
     def devices(self) -> tuple[DeviceSettings, ...]:
         """The instruments: camera, lux, thermometer, then the others in the order of the file."""

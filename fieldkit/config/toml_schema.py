@@ -370,7 +370,6 @@ class SimulationTable(Table):
         {}, "by camera, how much too warm it shows everything, such as {second = 0.4}"
     )
     terrain: bool = _key(False, "sand in the relief of camera.pose's dem instead of level ground")
-    foil: str = _key("", "region covered with crumpled aluminium foil, for an emissivity day")
 
 
 class RegionOutline(Table):
@@ -380,10 +379,10 @@ class RegionOutline(Table):
     """
 
     name: Name = _needed("b15", "letters, digits, - and _")
-    kind: Literal["reference", "target", "blackbody"] = _key(
+    kind: Literal["reference", "target", "blackbody", "foil"] = _key(
         "target",
         "reference: of known slope, flat and, better, also a bed that was measured; blackbody: of known "
-        "temperature by its probes, such as a can of water",
+        "temperature by its probes, such as a can of water; foil: aluminium, to see what the ground reflects",
     )
     points_px: list[Point] = _needed(
         [[29, 29], [66, 28], [66, 53], [24, 56]],

@@ -211,7 +211,6 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _outside_the_frame,
         _crossed_outlines,
         _repeated_azimuths,
-        _unknown_foil,
         _method,
         _irradiance,
         _incomplete_pairs,
@@ -258,14 +257,6 @@ def _repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
         turns = [azimuth % 360.0 for azimuth in azimuths if _is_number(azimuth)]
         if len(set(turns)) < len(turns):
             yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
-
-
-def _unknown_foil(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """A simulated foil on no region."""
-    foil = table_in(document, "simulation").get("foil")
-    names = [str(region.get("name")) for _, region in regions_in(document)]
-    if foil and foil not in names:
-        yield Mistake(("simulation", "foil"), f"no region {foil!r}; {did_you_mean(str(foil), names)}")
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:

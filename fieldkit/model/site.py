@@ -110,6 +110,7 @@ class RegionKind(NumberedEnum):
     REFERENCE = 0
     TARGET = 1
     BLACKBODY = 2  # of known temperature, by its probes: it shows the camera's errors, and has no slope
+    FOIL = 3  # aluminium foil, which shows what the ground reflects, and has no slope
 
 
 @checked

@@ -139,7 +139,6 @@ class Campaign:
         points: Sequence[Point] = (),
         rect: Rect | None = None,
         is_ground: bool = False,
-        reference: bool = False,
         **properties: Unpack[RegionProperties],
     ) -> None:
         """Add a region to ``fieldkit.toml`` and to `config`; parameters and errors as `regions.add_region`.
@@ -147,21 +146,13 @@ class Campaign:
         Examples
         --------
         >>> dunes = fieldkit.init_campaign("dunes")
-        >>> dunes.add_region("flat", rect=(10, 60, 30, 30), reference=True)
+        >>> dunes.add_region("flat", rect=(10, 60, 30, 30), kind="reference")
         >>> dunes.add_region("slope", rect=(60, 60, 30, 30), tilt_deg=15.0, azimuth_deg=180.0)
         >>> [region.name for region in dunes.regions]
         ['flat', 'slope']
         """
         with editing(self.config.path) as draft:
-            add_region(
-                draft,
-                name,
-                points=points,
-                rect=rect,
-                is_ground=is_ground,
-                reference=reference,
-                **properties,
-            )
+            add_region(draft, name, points=points, rect=rect, is_ground=is_ground, **properties)
         self.config = load_config(self.config.path, settings=self.settings)
 
     def add_devices(

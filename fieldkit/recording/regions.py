@@ -28,11 +28,13 @@ Rect = tuple[float, float, float, float]
 
 
 class RegionProperties(TypedDict, total=False):
-    """Known properties of a region: its slope, its emissivity, the camera's offset there.
+    """What a region is for, and its known properties: slope, emissivity, the camera's offset there.
 
-    Emissivity and offset may name a calibration record: ``"@sand"``.
+    `kind` is ``target``, ``reference``, ``blackbody`` or ``foil``, as in ``fieldkit.toml``. Emissivity and
+    offset may name a calibration record: ``"@sand"``.
     """
 
+    kind: str
     tilt_deg: float
     azimuth_deg: float
     emissivity: float | str
@@ -46,7 +48,6 @@ def add_region(
     points: Sequence[Point] = (),
     rect: Rect | None = None,
     is_ground: bool = False,
-    reference: bool = False,
     **properties: Unpack[RegionProperties],
 ) -> dict[str, Any]:
     """Add a region to a ``fieldkit.toml``; the ``[[region]]`` table that was written.
@@ -63,10 +64,8 @@ def add_region(
         Instead of `points`: left, top, width, height. [pixel]
     is_ground
         Whether `points` are east, north on the ground of the campaign's ``camera.pose``. [m]
-    reference
-        Whether it is the flat reference; otherwise a target whose slope is estimated.
     **properties
-        See `RegionProperties`.
+        See `RegionProperties`; a target unless its kind is given.
 
     Raises
     ------
@@ -82,7 +81,7 @@ def add_region(
     corners = points if rect is None else _corners(*rect)
     table = {
         "name": name,
-        "kind": "reference" if reference else "target",
+        "kind": "target",
         "points_m" if is_ground else "points_px": written_points(corners),
         **properties,
     }
@@ -95,7 +94,6 @@ def edit_region(
     name: str,
     *,
     points: Sequence[Point] = (),
-    reference: bool | None = None,
     shrink_px: float | None = None,
     **properties: Unpack[RegionProperties],
 ) -> dict[str, Any]:
@@ -107,8 +105,6 @@ def edit_region(
     changes: dict[str, Any] = dict(properties)
     if points:
         changes["points_px"] = written_points(points)
-    if reference is not None:
-        changes["kind"] = "reference" if reference else "target"
     if shrink_px is not None:
         regions = {region.name: region for region in regions_in_draft(draft).regions}
         shrunk = regions[name].shrunk(shrink_px).points_px if name in regions else ()

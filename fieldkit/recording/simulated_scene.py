@@ -144,7 +144,7 @@ def _facets(config: Config, simulation: SimulationTable) -> tuple[tuple[Facet, .
     for region, table in zip(regions, config.tables.region, strict=True):
         covered, is_stated = _most_covered(region.points_px, usual) or GROUND, table.tilt_deg is not None
         is_level = region.kind is RegionKind.REFERENCE and covered.tilt_deg == 0.0
-        if is_stated or is_level or region.name == simulation.foil:
+        if is_stated or is_level or region.kind is RegionKind.FOIL:
             own[region.name] = bed = _bed(simulation, region, covered)
             is_elsewhere = is_stated and not _most_covered(bed.points_px, usual)
             undrawn = [left for left in undrawn if not (is_elsewhere or _shared_px(bed.points_px, left))]
@@ -185,7 +185,7 @@ def _bed(simulation: SimulationTable, region: Region, covered: Facet) -> Facet:
         is_reference=region.kind is RegionKind.REFERENCE,
     )
     bed = _of_sand(bed, simulation)
-    if region.name != simulation.foil:
+    if region.kind is not RegionKind.FOIL:
         return bed
     return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
 

@@ -96,8 +96,8 @@ def suggestions_in(
 def add_suggested(draft: Draft, suggestions: Iterable[SuggestedRegion]) -> None:
     """Add suggested regions to a ``fieldkit.toml``; raises as `add_region`."""
     for suggestion in suggestions:
-        is_reference = suggestion.region.kind is RegionKind.REFERENCE
-        add_region(draft, suggestion.region.name, points=suggestion.region.points_px, reference=is_reference)
+        region = suggestion.region
+        add_region(draft, region.name, points=region.points_px, kind=region.kind.name.lower())
 
 
 def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:

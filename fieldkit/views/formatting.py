@@ -192,7 +192,7 @@ def given_slope(region: Region) -> str:
 
 
 def kind(region: Region) -> str:
-    """``reference``, ``target`` or ``blackbody``."""
+    """``reference``, ``target``, ``blackbody`` or ``foil``."""
     return region.kind.name.lower()
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Reading, Sample
+from fieldkit.model.site import RegionKind
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
@@ -47,7 +48,7 @@ def campaign(tmp_path_factory):
     (folder / "fieldkit.toml").write_text(campaign_toml(given), encoding="utf-8")
     said = fieldkit(
         "calibrate", "emissivity", "-C", folder, "--sample", "dry-sand", "--for", "2h15m", *FAST,
-        "--set", "record.burst_frames=2", "--set", 'simulation.foil="foil"',
+        "--set", "record.burst_frames=2",
         "--set", "simulation.start=2016-01-01T13:00:00-07:00",
         *SET_SELDOM,
     )  # fmt: skip
@@ -96,6 +97,12 @@ def test_a_shutter_correction_runs_before_each_burst(emissivity_day):
     with open_session(emissivity_day) as session:
         assert session.count("camera") == pytest.approx(2 * 135, abs=4)
         assert session.state == "sealed"
+
+
+def test_the_foil_is_no_bed(emissivity_day):
+    with open_session(emissivity_day) as session:
+        assert {estimate.region for estimate in session.estimates()} == {"steep"}
+        assert {region.name: region.kind for region in session.regions}["foil"] is RegionKind.FOIL
 
 
 def test_the_script_on_the_recording_says_the_same_and_names_its_session(emissivity_day, record, tmp_path):

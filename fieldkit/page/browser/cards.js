@@ -39,7 +39,7 @@ function newCard(region) {
   const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
   const facts = [fact(`${phrase("regions.mean")}, ${temperature.unit}`, card.temperature)];
   if (region.kind === "target") facts.push(fact(`${phrase("slope.tilt")}, °`, card.tilt), fact(`${phrase("slope.azimuth")}, °`, card.azimuth));
-  else facts.push(fact(`${phrase("regions.given")}, °`, el("dd", {}, number(region.tilt_deg, 1))));
+  else if (region.kind === "reference") facts.push(fact(`${phrase("regions.given")}, °`, el("dd", {}, number(region.tilt_deg, 1))));
   card.root = el("article", { class: "card", "aria-labelledby": heading },
     el("div", { class: "line" }, el("h3", { id: heading }, region.name, el("small", {}, wordFor("kind", region.kind))), edit),
     el("dl", {}, ...facts), card.words, card.reason, card.course);

@@ -25,6 +25,7 @@ function beginDrawing(region = null) {
   say($("drawing-title"), region ? phrase("drawing.region", { name: region.name }) : phrase("drawing.new"));
   $("remove-region").hidden = region === null;
   $("skyline-choice").hidden = region !== null;
+  $("blackbody-choice").hidden = kind !== "blackbody"; // its probes are in the campaign's file
   $("drawing-error").hidden = true;
   $("answers").replaceChildren();
   changed();

@@ -16,6 +16,7 @@ from fieldkit.calibrate.measurement import (
     ReadingCollector,
     band_of,
     measurement_setup,
+    reflected_source,
 )
 from fieldkit.calibration.band import FLAT, CameraBand, ResponseBand
 from fieldkit.model.device import StreamInfo
@@ -152,6 +153,13 @@ def test_a_reflected_temperature_may_be_given_or_left_to_the_fit(reflected, kelv
     setup = made(reflected=reflected)
     assert (setup.foil, setup.reflected_k) == (None, pytest.approx(kelvin))
     assert collected(setup).readings().reflected_k == pytest.approx([kelvin] * 3)
+
+
+def test_the_foil_is_the_region_of_that_kind_or_else_of_that_name():
+    outline = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
+    named, laid = Region("foil", RegionKind.TARGET, outline), Region("mirror", RegionKind.FOIL, outline)
+    assert reflected_source("foil", [named], Path())[0] is named
+    assert reflected_source("foil", [named, laid], Path())[0] is laid
 
 
 def test_nothing_usable_is_said_so():

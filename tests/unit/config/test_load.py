@@ -135,7 +135,6 @@ def test_an_unknown_key_is_refused_with_the_one_that_was_meant(campaign, table, 
             (f"[simulation]\nstart = {year}-01-01T12:00:00Z\n", "simulation.start", "1971..2250")
             for year in ("0001", "1500", "1969", "9999")
         ),
-        ('[simulation]\nfoil = "nobody"\n', "simulation.foil", "'nobody'"),
         ("schema = 2\n", "schema", "1"),
     ],
 )

@@ -44,7 +44,7 @@ def test_corners_on_level_ground_are_seen_from_above_where_the_pinhole_shows_the
 def test_corners_on_the_ground_are_added_from_python(tmp_path):
     field = open_campaign(campaign(tmp_path, region="").parent)
     corners = [(499999.0, 4171999.0), (500001.0, 4171999.0), (500001.0, 4172001.0)]
-    field.add_region("flat", points=corners, is_ground=True, reference=True)
+    field.add_region("flat", points=corners, is_ground=True, kind="reference")
     assert field.regions[0].points_px == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
 
 
