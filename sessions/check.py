@@ -24,6 +24,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import means_by_minute
@@ -57,7 +58,8 @@ def check(path: str | Path) -> list[Finding]:
             try:
                 findings.extend(check_part(session))
             except Exception as error:  # whatever is in the file, the other checks go on
-                findings.append(_fail("file", f"damaged: {message_of(error)}", Action.RECOVER(path)))
+                damage = Words("issue.damaged", error=message_of(error))
+                findings.append(_fail("file", damage, Action.RECOVER(path)))
         return list(dict.fromkeys(findings))  # the same damage may stop several checks
 
 
@@ -67,13 +69,13 @@ def _state(session: SessionReader) -> Iterator[Finding]:
         case "sealed":
             yield _ok("state", "sealed: every sample was compared with the journal")
         case "recovered":
-            yield _warn("state", "recovered after an interruption")
+            yield _warn("state", Words("issue.recovered"))
         case "recording":
-            yield _warn("state", "still being recorded; checked as far as it is")
+            yield _warn("state", Words("issue.recording"))
         case _ if journal_path(session.path).exists():
-            yield _fail("state", "interrupted: the journal holds samples missing from the file", fix)
+            yield _fail("state", Words("issue.interrupted"), fix)
         case _:
-            yield _fail("state", "interrupted, and its journal is gone", fix)
+            yield _fail("state", Words("issue.journal_gone"), fix)
 
 
 def integrity_findings(session: SessionReader) -> Iterator[Finding]:
@@ -88,15 +90,15 @@ def integrity_findings(session: SessionReader) -> Iterator[Finding]:
     if not any(reasons.values()):
         yield _ok("header", f"{len(sealed)} objects are as they were sealed")
     for name, count in session.missing_corrections.items():
-        yield _fail(name, f"{count} corrections that were added later are gone", _COPY)
+        yield _fail(name, Words("issue.corrections", count=count), _COPY)
 
 
 def _fault_of(session: SessionReader, path: str, digest: str) -> str:
     """Mistakes of an object, in words."""
     try:
-        return "" if session.object_digest(path) == digest else "it is not as it was sealed"
+        return "" if session.object_digest(path) == digest else Words("issue.changed")
     except Exception as error:  # whatever HDF5 makes of damaged bytes
-        return f"it cannot be read: {message_of(error)}"
+        return Words("issue.unreadable", error=message_of(error))
 
 
 def _entries(session: SessionReader) -> list[Finding]:
@@ -119,28 +121,30 @@ def _events(session: SessionReader) -> Iterator[Finding]:
         first = max(these, key=lambda event: event.severity)
         serious = first.severity >= Severity.WARNING
         at = np.datetime64(first.time_ns // 1_000_000_000, "s")
-        more = f", and {count - 1} more" if count > 1 else ""
         name = kind.name.lower() + (f" {stream}" if stream else "")
-        yield Finding("warn" if serious else "ok", name, f"{at}Z {first.text}{more}")
+        key = "issue.events" if count > 1 else "issue.event"
+        text = Words(key, time=f"{at}Z", event=first.text, more=count - 1, happened=first.document())
+        yield Finding("warn" if serious else "ok", name, text)
 
 
 def _regions(session: SessionReader) -> Iterator[Finding]:
     if not any(info.is_camera for info in session.streams.values()):
         return
     kinds = Counter(region.kind for region in session.regions)
-    text = f"references: {kinds[RegionKind.REFERENCE]}, targets: {kinds[RegionKind.TARGET]}"
-    if not kinds[RegionKind.REFERENCE]:
+    references, targets = kinds[RegionKind.REFERENCE], kinds[RegionKind.TARGET]
+    if not references:
         fix = "draw regions in fieldkit.toml (fieldkit roi add) and estimate again"
-        yield _warn("regions", f"{text}; slopes need a reference", fix)
+        yield _warn("regions", Words("issue.no_reference", targets=targets), fix)
     else:
-        yield _ok("regions", text)
+        yield _ok("regions", f"references: {references}, targets: {targets}")
 
 
 # --- one stream: checksums, numbers, order, gaps, rate, units, flags
 
-_REPORTED_ELSEWHERE = (
+REPORTED_ELSEWHERE = (
     Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED | Quality.IMPLAUSIBLE
 )
+"""Flags that have a finding of their own, or are no fault."""
 
 _LIMITS = "wrong scale or unit? what this site can have: [limits] in fieldkit.toml"
 
@@ -155,16 +159,12 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
     """Findings on one stream; reads all of its samples once."""
     reader = session.stream(name)
     if not len(reader):
-        yield _warn(name, "no samples", "was it plugged in?")
+        yield _warn(name, Words("issue.no_samples"), "was it plugged in?")
         return
     bad, lowest, highest = _contents(reader)
     if bad:
         fix = "use a copy made earlier, if it has them; they are excluded from every estimate"
-        yield _fail(
-            name,
-            f"{len(bad)} of {len(reader)} samples do not match their checksum, first number {bad[0]}",
-            fix,
-        )
+        yield _fail(name, Words("issue.checksum", bad=len(bad), count=len(reader), first=bad[0]), fix)
     else:
         yield _ok(name, f"{len(reader)} samples, every checksum matches")
     yield from _numbers(name, reader)
@@ -178,7 +178,7 @@ def _emissivity(info: StreamInfo) -> Iterator[Finding]:
     """Slopes take the emissivity of a region into account; what a camera has taken out would count twice."""
     applied = info.settings.get("emissivity", 1.0)
     if info.is_camera and applied != 1.0:
-        text = f"the camera has corrected for an emissivity of {applied:g} itself"
+        text = Words("issue.emissivity_applied", emissivity=f"{applied:g}")
         yield _warn(info.name, text, "set it to 1 in the camera; each region is corrected")
 
 
@@ -211,9 +211,9 @@ def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
     seq = reader.column("seq")
     missing = int(seq[-1]) + 1 - len(seq)
     if missing:
-        yield _fail(name, f"{missing} samples are missing from the file (numbers 0 to {seq[-1]})")
+        yield _fail(name, Words("issue.missing", count=missing, last=int(seq[-1])))
     if lost := _lost_before(reader):
-        yield _warn(name, f"{lost} samples were lost before they came here, by the device's counter")
+        yield _warn(name, Words("issue.lost", count=lost))
 
 
 def _lost_before(reader: StreamReader) -> int:
@@ -234,7 +234,7 @@ def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
         return
     intervals = np.diff(mono_ns) / 1e9
     if (intervals < 0).any():
-        yield _fail(name, f"{int((intervals < 0).sum())} samples stand before the one before them")
+        yield _fail(name, Words("issue.order", count=int((intervals < 0).sum())))
     median = float(np.median(intervals))
     if median <= 0:
         return
@@ -243,43 +243,43 @@ def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
     gaps = intervals[intervals > limit]
     if gaps.size:
         longest, together = precise_duration(gaps.max()), rounded_duration(gaps.sum())
-        yield _warn(name, f"{gaps.size} gaps, the longest {longest}, together {together}")
+        yield _warn(name, Words("issue.gaps", count=gaps.size, longest=longest, together=together))
     yield from _rate(name, reader.info, intervals, median)
 
 
 def _rate(name: str, info: StreamInfo, intervals: FloatArray, median: float) -> Iterator[Finding]:
-    text = f"one sample each {median:.3g} s"
+    interval = f"{median:.3g}"
     if info.rate_hz <= 0:
-        yield _ok(name, text)
+        yield _ok(name, f"one sample every {interval} s")
         return
     nominal = 1.0 / info.rate_hz
     bunched = float(np.mean(intervals < 0.3 * nominal))
     if bunched > _BUNCHED_SHARE:
-        share = f"{100 * bunched:.0f} % of the samples came in bunches"
-        yield _warn(name, f"{share}: their stamps are arrivals, not measurements")
+        yield _warn(name, Words("issue.bunched", percent=round(100 * bunched)))
     off = not 0.8 < median / nominal < 1.25 and median < 5.0  # slower is sparse sampling, asked for
-    yield Finding("warn" if off else "ok", name, f"{text}, declared {info.rate_hz:g} Hz")
+    text = Words("issue.rate", interval=interval, declared=f"{info.rate_hz:g}")
+    yield Finding("warn" if off else "ok", name, text)
 
 
 def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Finding]:
     """Values that are not there, and those that cannot be: of a camera by the middle of its frames."""
     info, excesses = reader.info, reader.excesses()
     if not (excesses or np.isfinite([lowest, highest]).all()):
-        yield _warn(info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured")
+        yield _warn(info.name, Words("issue.no_values", unit=info.unit))
     elif info.is_camera and reader.bounds.is_exceeded(np.array([[lowest], [highest]])).any():
-        text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are implausible"
-        yield _warn(info.name, text, _LIMITS)
+        values = {"low": f"{lowest:.4g}", "high": f"{highest:.4g}", "unit": info.unit}
+        yield _warn(info.name, Words("issue.implausible", **values), _LIMITS)
     for excess in excesses:
         at = np.datetime64(int(reader.time_ns(excess.first, excess.first + 1)[0]) // 1_000_000_000, "s")
-        yield _warn(info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
+        yield _warn(info.name, Words("issue.excess", excess=excess.words(f"{at}Z")), _LIMITS)
 
 
 def _flags(name: str, flags: FlagArray) -> Iterator[Finding]:
     for flag in Quality:
         count = int(np.count_nonzero(flags & flag.value))
-        if count and not flag & _REPORTED_ELSEWHERE:
-            word = str(flag.name).lower().replace("_", " ")
-            yield Finding("ok" if flag in _HARMLESS else "warn", name, f"{count} samples flagged {word}")
+        if count and not flag & REPORTED_ELSEWHERE:
+            text = Words(f"issue.flagged.{str(flag.name).lower()}", count=count)
+            yield Finding("ok" if flag in _HARMLESS else "warn", name, text)
 
 
 # --- clocks
@@ -291,8 +291,7 @@ def clock_findings(session: SessionReader) -> Iterator[Finding]:
     if checks:
         proposed = propose_time_map(session)
         for step in stepped_ns(checks, session.anchor_ns):
-            text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
-            yield _warn("clock", text)
+            yield _warn("clock", Words("issue.stepped", seconds=f"{step / 1e9:+.3f}"))
         yield _last_comparison(session, checks, proposed, in_force)
         yield from _sleep(checks, in_force == proposed)
     else:
@@ -311,10 +310,8 @@ def _last_comparison(
     before_s = (max(ends_ns) - last.mono_ns) / 1e9
     away_ns = last.utc_minus_mono_ns - session.anchor_ns
     is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
-    text = (
-        f"{len(checks)} comparisons; at the last, {rounded_duration(before_s)} before the last sample, "
-        f"the system clock was {away_ns / 1e9:+.3f} s from recorded times"
-    )
+    before, seconds = rounded_duration(before_s), f"{away_ns / 1e9:+.3f}"
+    text = Words("issue.clock", count=len(checks), before=before, seconds=seconds)
     fix = Action.CORRECT_CLOCK(session.path) if is_open and proposed else ""
     return Finding("warn" if is_open else "ok", "clock", text, fix)
 
@@ -323,11 +320,11 @@ def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding
     slept_ns = checks[-1].suspended_ns - checks[0].suspended_ns
     if slept_ns <= STEP_NS:
         return
-    slept = f"the computer slept {rounded_duration(slept_ns / 1e9)}"
+    slept = rounded_duration(slept_ns / 1e9)
     if is_corrected:
-        yield _ok("clock", f"{slept}, which the active time map adds to its times after that")
+        yield _ok("clock", f"the computer slept for {slept}, which the active time map adds to later times")
     else:
-        yield _warn("clock", f"{slept}: its times after that are late")
+        yield _warn("clock", Words("issue.slept", slept=slept))
 
 
 # --- the sun as a clock
@@ -360,7 +357,7 @@ def sun_findings(session: SessionReader) -> Iterator[Finding]:
         yield _ok("sun", f"the light fits the sun's height at the {which} times")
     else:
         fix = "check the clock, the zone and the site's longitude"
-        yield _warn("sun", f"the light fits the sun best at {shift:+d} min: wrong zone or clock?", fix)
+        yield _warn("sun", Words("issue.sun", shift=f"{shift:+d}"), fix)
 
 
 def best_shift_min(time_ns: IntArray, lux: FloatArray, site: Site) -> int | None:

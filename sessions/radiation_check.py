@@ -20,6 +20,7 @@ from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
 from fieldkit.model.site import Site, known_zone
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
@@ -48,42 +49,43 @@ def radiation_findings(session: SessionReader) -> Iterator[Finding]:
         return
     time_ns = minute * MINUTE_NS + MINUTE_NS // 2
     failed = False
-    for name, flags in _tests(means, time_ns, session.site):
+    for test, component, flags in _tests(means, time_ns, session.site):
         if flags.any():
             failed = True
-            yield _failure(name, flags, time_ns, session.site)
+            yield _failure(test, component, flags, time_ns, session.site)
     if not failed:
         yield Finding("ok", "radiation", f"{', '.join(names)}: all minutes pass the tests of BSRN")
 
 
-def _failure(name: str, flags: BoolArray, time_ns: IntArray, site: Site) -> Finding:
+def _failure(test: str, component: str, flags: BoolArray, time_ns: IntArray, site: Site) -> Finding:
     first = datetime.fromtimestamp(time_ns[flags][0] / 1e9, known_zone(site.timezone) or UTC)
-    count = int(flags.sum())
-    minutes = "minute" if count == 1 else "minutes"
-    text = f"{name} in {count} {minutes}, first at {first:%Y-%m-%d %H:%M %Z} (BSRN)"
+    time = f"{first:%Y-%m-%d %H:%M %Z}"
+    text = Words(f"issue.radiation.{test}", component=component, count=int(flags.sum()), time=time)
     return Finding("warn", "radiation", text, "level, clean and unshade the instruments; check their units")
 
 
-def _tests(means: Mapping[str, FloatArray], time_ns: IntArray, site: Site) -> Iterator[tuple[str, BoolArray]]:
-    """Each test that the components allow, with the minutes (n,) that fail it."""
+def _tests(
+    means: Mapping[str, FloatArray], time_ns: IntArray, site: Site
+) -> Iterator[tuple[str, str, BoolArray]]:
+    """Each test that the components allow, its component, and the minutes (n,) that fail it."""
     sine, top = sun_vectors(time_ns, site)[:, 2], extraterrestrial(time_ns)
     for name in (name for name in RARE if name in means):
-        yield f"{name} is extremely rare", is_rare(name, means[name], sine, top)
+        yield "rare", name, is_rare(name, means[name], sine, top)
     ghi, dhi, dni = (means.get(name) for name in ("ghi", "dhi", "dni"))
     is_high, is_up = sine > HIGH_SUN, sine > LOWEST_SUN
     if ghi is not None and dhi is not None:
         lit, most = is_up & (ghi > LEAST_W_M2), np.where(is_high, *DIFFUSE)
-        yield "dhi exceeds ghi", lit & (dhi > most * ghi)
+        yield "diffuse", "dhi", lit & (dhi > most * ghi)
         if dni is not None:
             both = dhi + dni * sine
             lit, off = is_up & (both > LEAST_W_M2), np.where(is_high, *CLOSURE)
             ratio = ghi / np.where(lit, both, 1.0)
-            yield "ghi is not dhi and dni together", lit & (np.abs(ratio - 1.0) > off)
+            yield "closure", "ghi", lit & (np.abs(ratio - 1.0) > off)
     longwave, air_k = means.get("longwave_down"), means.get(AIR_TEMPERATURE)
     if longwave is not None and air_k is not None:
         black = STEFAN_BOLTZMANN * air_k**4
         least, more = OF_AIR
-        yield "longwave_down does not fit the air", (longwave < least * black) | (longwave > black + more)
+        yield "longwave", "longwave_down", (longwave < least * black) | (longwave > black + more)
 
 
 def _means(session: SessionReader) -> tuple[IntArray, dict[str, FloatArray]]:

@@ -13,6 +13,7 @@ from fieldkit.cli.next_steps import finding_in_commands, in_commands
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import IntegrityError, RefusedError
+from fieldkit.phrases import text_document
 
 if TYPE_CHECKING:
     from fieldkit.results.check import CheckedSession
@@ -67,7 +68,10 @@ def _correct_clock(path: Path, *, is_only: bool) -> None:
 
 
 def _document(session_check: CheckedSession) -> dict[str, Any]:
-    findings = [asdict(finding_in_commands(finding)) for finding in session_check.findings]
+    findings = [
+        asdict(finding_in_commands(finding)) | text_document(finding.text)
+        for finding in session_check.findings
+    ]
     return {"session": str(session_check.path), "level": session_check.level, "findings": findings}
 
 

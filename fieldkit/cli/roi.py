@@ -261,7 +261,7 @@ def _report_issues(file: Path, name: str) -> None:
         common.say_warning(mistake)
     for inspection in inspect_regions(config):
         if inspection.region.name == name and inspection.level != "ok":
-            issues = "; ".join(inspection.failures + inspection.warnings)
+            issues = "; ".join(inspection.issues)
             say(f"  {name}: {inspection.pixels} px; {issues}; see fieldkit roi check")
 
 

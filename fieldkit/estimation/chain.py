@@ -51,7 +51,7 @@ GRAZING = 0.02
 
 Judged: because within a degree of grazing a bed's own roughness decides what it sees of the sun.
 """
-NO_SUN = "the sun has not been up: if it has, the clock, the time zone or the site is wrong"
+NO_SUN = "the sun has not been up; if it has, check clock, time zone and site"
 MOST_OF_PRIOR = 0.5
 """Half-width of a certain slope over the prior's.
 
@@ -71,7 +71,7 @@ Judged: because in simulated worlds without harm it was 0.7 to 1.5.
 """
 MELTING_K, MELTING_MINUTES = 1.0, 60
 """Judged: because dry ground in the sun passes through so few kelvins within minutes; ice melts for hours."""
-FAILED = "the estimate failed numerically; it starts anew with the next minute"
+FAILED = "the estimate failed numerically; it starts again with the next minute"
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,9 +213,9 @@ class SlopeChain:
             return estimate
         references = [i for i in schedule.at(minute) if schedule.columns[i].kind is RegionKind.REFERENCE]
         if any(schedule.is_redrawn(i) and schedule.since[i] > schedule.since[column] for i in references):
-            return replace(estimate, reason=f"{estimate.reason}; the reference was redrawn: begun anew")
+            return replace(estimate, reason=f"{estimate.reason}; the reference was redrawn: started again")
         if schedule.is_redrawn(column):
-            return replace(estimate, reason=f"{estimate.reason}; redrawn: begun anew")
+            return replace(estimate, reason=f"{estimate.reason}; redrawn: started again")
         return estimate
 
     def _beside_other_cameras(self, estimate: SlopeEstimate, regions: Sequence[Region]) -> SlopeEstimate:
@@ -260,8 +260,8 @@ def rows_after_gaps(history: History) -> list[int]:
     return gaps
 
 
-OTHER_CAMERA = f"no reference in its camera: {CAMERA_OFFSET_SD_K:g} K between cameras are included"
-LOST = "the regions were lost in all frames: the camera moved too far, or its trajectory has no pose then"
+OTHER_CAMERA = f"no reference in its camera: ± includes {CAMERA_OFFSET_SD_K:g} K between cameras"
+LOST = "the regions were lost in all frames: the camera moved too far, or its trajectory has no pose here"
 
 
 class _Group:
@@ -426,7 +426,7 @@ class _Group:
             kelvin_per_degree=_kelvin_per_degree(learner, target, tilt, azimuth),
         )
         if not self._has_seen_the_sun(learner, slope.best):
-            reason = "the sun has not reached it: what is known of it comes from skylight alone"
+            reason = "the sun has not reached it: this follows from skylight alone"
             return replace(filled, state=SlopeState.SHADED, reason=reason)
         if why := self._contradiction(learner, index):
             return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
@@ -466,7 +466,7 @@ class _Group:
             return ""
         flux, sd = readout.drying_w_m2(self._learner, self._place(index))
         dries, half = flux < -DRIES_SDS * sd, interval_sds(self._settings.confidence) * sd
-        return f"it dries: {-flux:.0f} ± {half:.0f} W/m² at first, more than the others" if dries else ""
+        return f"it dries: {-flux:.0f} ± {half:.0f} W/m² more than the others at first" if dries else ""
 
     def _doubts(self, filled: SlopeEstimate, slope: readout.KnownSlope, index: int) -> Iterator[str]:
         """Why a slope that fits is not known well enough for the purpose; nothing if it is."""
@@ -479,7 +479,7 @@ class _Group:
         # before the width: a statement that the minutes contradict is the cause, and advice would not help
         if self._learner and (unlike := readout.unlikeness(self._learner)) > MOST_UNLIKE:
             stated = ", against surface.same" if self._settings.same else ""
-            yield f"the beds change by themselves {unlike:.1f} times the usual{stated}: are they alike?"
+            yield f"the beds differ {unlike:.1f} times as much as usual{stated}: are they alike?"
         if is_too_wide(filled.tilt_deg, half, self._settings.target_half_width_deg):
             hints = [
                 f"; {measure} would narrow ±{half:.1f}° to ±{half * share:.1f}°"
@@ -488,9 +488,9 @@ class _Group:
             yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}){''.join(hints[:1])}"
         prior_sd_deg = math.degrees(self._layout.unlike_of(self._place(index)).normal_horizontal_sd)
         if half > MOST_OF_PRIOR * interval_sds(filled.confidence) * prior_sd_deg:
-            yield "the minutes narrow it to no less than half of what its prior allows"
+            yield "the data narrow the prior by less than half"
         if (misfit := self._misfit(index)) > WELL_FITTING:
-            yield f"the minutes fit badly (misfit {misfit:.1f}, at most {WELL_FITTING:g} for a certain slope)"
+            yield f"the model fits badly (misfit {misfit:.1f}, at most {WELL_FITTING:g} for a certain slope)"
         if slope.away > filled.confidence:
             yield "no slope towards the known azimuth fits well"
 
@@ -597,7 +597,7 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
 def _leaning(away: float) -> str:
     """The probability of what a known azimuth excludes, in words; "" for one that is small."""
     question = ": is the azimuth right?" if away > 0.5 else ""
-    return f"{away:.0%} of what fits leans the other way{question}" if away >= readout.LEAST_SHARE else ""
+    return f"{away:.0%} probability of leaning the other way{question}" if away >= readout.LEAST_SHARE else ""
 
 
 def _missing(history: History, layout: Layout, region: Region) -> str:

@@ -121,7 +121,7 @@ def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
 
 
 def _as_undecided(solution: Solution) -> Solution:
-    reason = "which minutes are in its own shade depends on the slope, and no slope agrees with its choice"
+    reason = "no slope agrees with the minutes in its own shade"
     return replace(solution, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
 
 
@@ -296,7 +296,7 @@ def _solutions(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solutio
     judged = []
     for place, normal_ in enumerate(best):
         if is_too_steep[place]:
-            reason = f"what fits best is steeper than the limit of {limit:g}°"
+            reason = f"the best fit is steeper than the limit of {limit:g}°"
             judged.append(_nowhere(problem, fit, place, reason))
             continue
         second = fit.other[place] if is_second[place] else None
@@ -331,8 +331,8 @@ def _misfit_reason(problem: _Problem, place: int, chi_square: float) -> str:
     """The likely cause of a misfit, in words."""
     brightest = float(problem.y[place, problem.is_used[place]].max())
     if brightest > 1.0:
-        return f"warmer than any slope explains (cosine {brightest:.2f}): scale, offset or emissivity is off"
-    return f"the minutes agree on no slope (chi-square {chi_square:.1f}): cloud, shade, wind or a drift"
+        return f"warmer than any slope explains (cosine {brightest:.2f}): check scale, offset and emissivity"
+    return f"no slope fits all minutes (chi-square {chi_square:.1f}): cloud, shade, wind or drift?"
 
 
 def _regions(

@@ -12,6 +12,7 @@ import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
+from fieldkit.phrases import Words
 
 INNER_PX = 3
 """Rows and columns of pixels that must lie clear of a region's rim."""
@@ -79,9 +80,9 @@ class RegionInspection:
     shrink_px: int | None = None
 
     @property
-    def text(self) -> str:
-        """All issues in words; empty where there are none."""
-        return "; ".join(self.failures + self.warnings)
+    def issues(self) -> list[str]:
+        """All issues in words."""
+        return self.failures + self.warnings
 
     @property
     def level(self) -> Level:
@@ -91,7 +92,7 @@ class RegionInspection:
     def row(self) -> tuple[str, ...]:
         """One line of the table."""
         spread = "-" if math.isnan(self.spread_k) else f"{self.spread_k:.2f} K"
-        verdict = f"{self.level}: {self.text}" if self.text else "ok"
+        verdict = f"{self.level}: {'; '.join(self.issues)}" if self.issues else "ok"
         return self.region.name, slope_text(self.region), f"{self.pixels} px", spread, verdict
 
     def document(self) -> dict[str, Any]:
@@ -102,7 +103,7 @@ class RegionInspection:
             "spread_k": self.spread_k,
             "edge_k": self.edge_k,
             "level": self.level,
-            "remarks": self.failures + self.warnings,
+            "remarks": self.issues,
         }
 
 
@@ -139,14 +140,13 @@ def check_region(region: Region, view: CameraView | None, others: Sequence[Regio
     _check_size(inspection, mask, (rows, cols), view)
     for other in others:
         if shared := int((mask & other.mask((rows, cols), box)).sum()):
-            inspection.failures.append(f"shares {shared} px with {other.name}")
+            inspection.failures.append(Words("issue.region.shared", pixels=shared, region=other.name))
     if view and inspection.pixels > MOST_OF_FRAME * rows * cols:
-        inspection.warnings.append(
-            f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
-        )
+        percent = round(100.0 * inspection.pixels / (rows * cols))
+        inspection.warnings.append(Words("issue.region.whole_frame", percent=percent))
     if view and view.frame is not None and (seen := mask & np.isfinite(view.frame[box])).any():
         if holes := int(mask.sum() - seen.sum()):
-            inspection.warnings.append(f"{holes} of its pixels have no value")
+            inspection.warnings.append(Words("issue.region.no_value", pixels=holes))
         _check_evenness(inspection, seen, view.frame[box], view.frame)
     return inspection
 
@@ -162,17 +162,15 @@ def _check_size(
 ) -> None:
     rim, noise_k = rim_px(shape[1]) if view else 1, view.noise_k if view else math.nan
     if not inspection.region.is_within(shape):
-        inspection.failures.append(f"outside the frame of {shape[1]} x {shape[0]} pixels")
+        inspection.failures.append(Words("issue.region.outside", cols=shape[1], rows=shape[0]))
     elif not _has_inside(mask, rim):
-        side = INNER_PX + 2 * rim
-        inner = f"{INNER_PX} x {INNER_PX} px must lie inside its rim of {rim} px"
-        inspection.failures.append(f"too small: {inner}, as in {side} x {side}")
+        sides = {"inner": INNER_PX, "rim": rim, "side": INNER_PX + 2 * rim}
+        inspection.failures.append(Words("issue.region.small", **sides))
     elif noise_k > MOST_NOISE_K * math.sqrt(inspection.pixels):
         needed = math.ceil((noise_k / MOST_NOISE_K) ** 2)
-        limit = f"{MOST_NOISE_K:g} K a minute"
-        inspection.failures.append(f"too small: for {limit} this camera's noise needs {needed} px")
+        inspection.failures.append(Words("issue.region.noise", kelvin=MOST_NOISE_K, pixels=needed))
     if inspection.region.crosses_itself:
-        inspection.failures.append("its outline crosses itself: give the corners in order around it")
+        inspection.failures.append(Words("issue.region.crosses"))
 
 
 def _has_inside(mask: BoolArray, rim: int) -> bool:
@@ -193,10 +191,13 @@ def _check_evenness(
     inspection.edge_k = rims.edge_k(0)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
         inspection.shrink_px = pixels = rims.pixels_to_shrink()
-        advice = f"shrink it by {pixels} px" if pixels else "draw it smaller"
-        inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: {advice}")
+        key, kelvin = (
+            "issue.region.edge.shrink" if pixels else "issue.region.edge",
+            f"{inspection.edge_k:+.1f}",
+        )
+        inspection.warnings.append(Words(key, kelvin=kelvin, pixels=pixels))
     elif inspection.spread_k > MOST_SPREAD_K:
-        inspection.warnings.append(f"its pixels spread by {inspection.spread_k:.1f} K, not one bed")
+        inspection.warnings.append(Words("issue.region.uneven", kelvin=f"{inspection.spread_k:.1f}"))
 
 
 class _Rims:

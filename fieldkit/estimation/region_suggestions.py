@@ -201,7 +201,7 @@ def _missing(candidates: list[FoundBed], checks: list[RegionInspection]) -> str:
         return "no even area with four straight edges was found in the frame"
     if checks:
         largest = max(checks, key=lambda check: check.pixels)
-        return f"the largest area that could be a bed has {largest.pixels} px: {largest.text}"
+        return f"the largest area that could be a bed has {largest.pixels} px: {'; '.join(largest.issues)}"
     best = max(candidates, key=lambda bed: bed.contrast_k)
     needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
     return (

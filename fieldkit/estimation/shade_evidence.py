@@ -71,9 +71,13 @@ class DoubtfulShade(NamedTuple):
     region: str
     minute: int
 
+    @property
+    def start(self) -> str:
+        """Time of the first minute, such as ``19:05 UTC``."""
+        return f"{datetime.fromtimestamp(60 * self.minute, UTC):%H:%M} UTC"
+
     def __str__(self) -> str:
-        start = datetime.fromtimestamp(60 * self.minute, UTC)
-        return f"{self.region} does not cool in the shade of {start:%H:%M} UTC: is the mark right?"
+        return f"{self.region} does not cool in the shade of {self.start}: is the mark right?"
 
 
 def likely_shaded(flagged: BoolArray, history: History) -> BoolArray:

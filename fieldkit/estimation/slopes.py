@@ -121,7 +121,7 @@ def _held_clouded(
     for estimate in window.estimates(range(columns.targets.size)):
         estimate = replace(estimate, time_ns=now, flags=estimate.flags | flags)
         if estimate.state in SOLVED:
-            reason = f"the light is unsteady; estimate of {ago:.0f} min ago"
+            reason = f"unsteady light; estimate of {ago:.0f} min ago"
             estimate = replace(estimate, state=SlopeState.HELD_CLOUD, reason=reason)
         held.append(estimate)
     return tuple(held)

@@ -70,11 +70,11 @@ WHITE_K, WHITE_LIGHT, WHITE_W_M2 = 0.15, 0.02, 3.0
 """Errors of single rows: of the temperature, of absorbed light, of any flux."""
 ESTIMATED = ("plate", "wall")
 NO_GROUND = (
-    "{} is not estimated from the weather, only plates and walls: level ground does not read 0°, for it "
-    "conducts and evaporates; a flat piece of it in the frame gives its slope"
+    "{} cannot be estimated from the weather, only plates and walls can: ground conducts and evaporates; "
+    "draw a flat piece of it as reference"
 )
-FROST = f"within {FROST_K:g} K of 0 °C for an hour by day: frost, snow or ice that melts"
-MISFIT = "no slope explains the temperatures by this weather"
+FROST = f"within {FROST_K:g} K of 0 °C for an hour by day: melting frost, snow or ice"
+MISFIT = "no slope explains the temperatures in this weather"
 
 
 class Weather(NamedTuple):

@@ -67,7 +67,7 @@ class Condition(enum.StrEnum):
         True,
     )
     CLOUD = "cloud", Rule(_INFO, 0.0, 0.0), "the light is unsteady", True
-    SHADE = "shade", Rule(_INFO, 60.0, 0.0), "one region alone has lost its sun", True
+    SHADE = "shade", Rule(_INFO, 60.0, 0.0), "one region alone is shaded", True
     DRIFT = "drift", Rule(_WARNING, 60.0, 0.0), "one region alone became warmer than its trend", True
     TEMPERATURE = (
         "temperature",

@@ -188,6 +188,12 @@ class Event:
     severity: Severity = Severity.INFO
     data: Mapping[str, Any] = field(default_factory=dict)
 
+    def document(self) -> dict[str, Any]:
+        """The event as a JSON object; `time_ms` is UTC, milliseconds."""
+        levels = {"kind": self.kind.name.lower(), "severity": self.severity.name.lower()}
+        about = {"text": self.text, "stream": self.stream, "data": dict(self.data)}
+        return {"time_ms": round(self.time_ns / 1000) / 1000, **levels, **about}
+
 
 @dataclass(frozen=True, slots=True)
 class StreamHealth:

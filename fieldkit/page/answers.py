@@ -26,9 +26,10 @@ from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.outgoing import without_commands
-from fieldkit.page.phrases import PageError
+from fieldkit.page.phrases import PageError, issue_document
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
+from fieldkit.phrases import text_document
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.marks import correct_mark, mark_of
@@ -108,12 +109,13 @@ class Answers:
             case requests.Value():
                 return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return Done(data=await self._query(self._verdict, request))
+                return Done(data=await self._query(self._verdict, request, viewer.language))
             case requests.Sessions():
                 return Done(data=await self._query(self.past.rows, viewer.role))
             case requests.CheckSession():
-                ok, findings = await self.past.check(request.session)
-                return Done("check.ok" if ok else "check.findings", findings, ok)
+                ok, count, findings = await self.past.check(request.session)
+                issues = [issue_document(finding, viewer.language) for finding in findings]
+                return Done("check.ok" if ok else "check.findings", {"count": count, "issues": issues}, ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
@@ -230,7 +232,7 @@ class Answers:
 
     # --- regions
 
-    def _verdict(self, request: requests.CheckRegion) -> Document:
+    def _verdict(self, request: requests.CheckRegion, language: str) -> Document:
         region = request.region.region
         if request.shrink:
             region = region.shrunk(request.shrink)
@@ -238,7 +240,8 @@ class Answers:
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
         check = check_region(region, view, others)
-        about = {"spread_c": check.spread_k, "text": check.text or "ok", "points_px": region.points_px}
+        about = {"spread_c": check.spread_k, "points_px": region.points_px}
+        about["issues"] = [issue_document(text_document(issue), language) for issue in check.issues]
         return attributes(check, "pixels", "level", "shrink_px") | about
 
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:

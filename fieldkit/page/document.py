@@ -9,8 +9,8 @@ import re
 from html import escape
 from importlib import resources
 
-from fieldkit.page.phrases import ENGLISH, LANGUAGES, phrases
 from fieldkit.palettes import STOPS, palette
+from fieldkit.phrases import ENGLISH, LANGUAGES, phrases
 
 SCRIPTS = (
     "phrases.js",
@@ -50,7 +50,8 @@ def _document(language: str) -> str:
     """The document but for its nonce."""
     texts = phrases(language)
     languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
-    data = {"texts": texts, "palettes": STOPS, "languages": languages}
+    shown = {key: text for key, text in texts.items() if not key.startswith("issue.")}  # these are sent
+    data = {"texts": shown, "palettes": STOPS, "languages": languages}
     slots = {name: json.dumps(value, ensure_ascii=False) for name, value in data.items()}
     slots["inferno"] = base64.b64encode(palette().tobytes()).decode()
     script = _fill("\n".join(map(_part, SCRIPTS)), slots)

@@ -103,9 +103,7 @@ def history(trend: Trend) -> Document:
 
 def event(happened: Event) -> Document:
     """One event: its words follow from kind and data; `text` is what the session keeps."""
-    levels = {"kind": happened.kind.name.lower(), "severity": happened.severity.name.lower()}
-    about = attributes(happened, "text", "stream", "data")
-    return {"type": "event", "time_ms": ms(happened.time_ns), **levels, **about}
+    return {"type": "event", **happened.document()}
 
 
 def mark(number: int, event: Event, *, counts: bool) -> Document:

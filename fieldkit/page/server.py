@@ -36,11 +36,12 @@ from fieldkit.page.document import document
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.outgoing import without_commands
-from fieldkit.page.phrases import PageError, phrases, preferred_language
+from fieldkit.page.phrases import PageError, preferred_language
 from fieldkit.page.pictures import still
 from fieldkit.page.service import keep_recording, report_page
 from fieldkit.page.sessions import PRODUCTS, PastSessions
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
+from fieldkit.phrases import phrases
 from fieldkit.results.json_document import plain_json
 from fieldkit.views.metrics import MEDIA_TYPE, metrics
 from fieldkit.views.service_manager import notify
@@ -265,7 +266,7 @@ class Page:
             await socket.close(NO_KEY)
             return
         await socket.accept()
-        viewer = Viewer(session[0], session[1])
+        viewer = Viewer(*session, language=_language(socket))
         try:
             if self.hub.join(viewer):
                 await self._serve(socket, viewer)
@@ -344,7 +345,7 @@ def _explain(error: FieldkitError, request: Request, status: int) -> Response:
     return _text(without_commands(error)[0], status)
 
 
-def _language(request: Request) -> str:
+def _language(request: HTTPConnection) -> str:
     """The language of a browser: the one chosen on the page, or the first that it prefers."""
     return preferred_language(request.headers.get("accept-language", ""), request.cookies.get("language", ""))
 

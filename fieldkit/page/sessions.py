@@ -96,8 +96,8 @@ class PastSessions:
         extent = {"started_ms": started_ms, "duration_s": brief.get("length_s"), "bytes": brief["bytes"]}
         return about | extent | links
 
-    async def check(self, identity: str) -> tuple[bool, dict[str, Any]]:
-        """Whether a session is without failures, the number of checks, and the findings in words."""
+    async def check(self, identity: str) -> tuple[bool, int, list[dict[str, Any]]]:
+        """Whether a session is without failures, the number of checks, and what they found wrong."""
         path = self.sealed_path(identity)
         async with self._one_check, self._one_job:  # a report waits for one check at most
             _, output, errors = await _fieldkit("check", str(path))
@@ -105,9 +105,9 @@ class PastSessions:
             findings = json.loads(output)["sessions"][0]["findings"]
         except (ValueError, KeyError, IndexError):
             raise _command_error(errors) from None
-        issues = [f"{finding['what']}: {finding['text']}" for finding in findings if finding["level"] != "ok"]
+        issues = [finding for finding in findings if finding["level"] != "ok"]
         is_clean = not any(finding["level"] == "fail" for finding in findings)
-        return is_clean, {"count": len(findings), "issues": "; ".join(issues)}
+        return is_clean, len(findings), issues
 
     def frame_k(self, identity: str) -> FloatArray:
         """The mean of a session's first good frames in kelvin, to draw on."""

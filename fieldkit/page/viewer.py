@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fieldkit.page.pictures import Mode
+from fieldkit.phrases import ENGLISH
 
 Role = Literal["view", "control"]
 TEXTS_WAITING = 256
@@ -44,6 +45,7 @@ class Viewer:
 
     role: Role
     ends_at: float = float("inf")
+    language: str = ENGLISH
     mode: Mode = "off"
     _texts: deque[str] = field(default_factory=deque)
     _picture: bytes | None = None

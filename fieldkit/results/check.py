@@ -25,6 +25,7 @@ from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.results.batch import BySession, one_or_each
@@ -122,7 +123,7 @@ def _config_findings(session: SessionReader) -> Iterator[Finding]:
     with contextlib.suppress(ConfigError):  # of an imported session it may be anything
         if keys := ignored_keys(session.config_toml, session.path):
             fix = f"pip install --upgrade {DISTRIBUTION}"
-            yield Finding("warn", "config", f"keys of a later version are ignored: {', '.join(keys)}", fix)
+            yield Finding("warn", "config", Words("issue.later_keys", keys=", ".join(keys)), fix)
 
 
 def _mark_findings(session: SessionReader) -> Iterator[Finding]:
@@ -130,7 +131,7 @@ def _mark_findings(session: SessionReader) -> Iterator[Finding]:
     first, last = session.start_ns // MINUTE_NS, session.end_ns // MINUTE_NS
     for number, mark in session.marks().items():
         if not first <= mark.time_ns // MINUTE_NS <= last:
-            text = f"lies outside the recording and is not used: {mark.text}"
+            text = Words("issue.mark_outside", mark=mark.text)
             yield Finding("warn", f"mark {number}", text, CORRECT_MARK)
 
 
@@ -142,7 +143,7 @@ def _doubtful_findings(session: SessionReader) -> Iterator[Finding]:
     columns = RegionColumns(minutes.regions)
     layout = Layout.of(columns, columns.targets, minutes.settings)
     for shade in doubtful(minutes.history, layout, minutes.regions):
-        yield Finding("warn", shade.region, str(shade), CORRECT_MARK)
+        yield Finding("warn", shade.region, Words("issue.doubtful_shade", time=shade.start), CORRECT_MARK)
 
 
 def _estimate_findings(session: SessionReader) -> list[Finding]:
@@ -151,7 +152,7 @@ def _estimate_findings(session: SessionReader) -> list[Finding]:
         return [*_compare_estimates(session), *_doubtful_findings(session)]
     except Exception as error:  # whatever is in the file
         fix = getattr(error, "fix", None) or ""
-        return [Finding("warn", "slopes", f"could not be computed again: {message_of(error)}", fix)]
+        return [Finding("warn", "slopes", Words("issue.no_estimate", error=message_of(error)), fix)]
 
 
 def _compare_estimates(session: SessionReader) -> list[Finding]:
@@ -164,13 +165,13 @@ def _compare_estimates(session: SessionReader) -> list[Finding]:
     shadows = list(horizon_findings(minutes, session.regions, config_for(session).estimator_settings()))
     differing = sum(not _is_same(estimate, computed.get(_key(estimate))) for estimate in stored_estimates)
     if differing:
-        text = f"{differing} of {len(stored_estimates)} slopes come out differently from the stored samples"
+        text = Words("issue.differing", count=differing, slopes=len(stored_estimates))
         fix = "check for another version of fieldkit, or samples that were lost"
         return [Finding("warn", "slopes", text, fix), *shadows]
-    text = f"{len(stored_estimates)} slopes come out the same from the stored samples"
+    same = f"{len(stored_estimates)} slopes come out the same from the stored samples"
     if session_minutes.measured.is_recordings:
-        text = f"{len(stored_estimates)} slopes are the recording's own, by this version and these settings"
-    return [Finding("ok", "slopes", text), *shadows]
+        same = f"{len(stored_estimates)} slopes are the recording's own, by this version and these settings"
+    return [Finding("ok", "slopes", same), *shadows]
 
 
 def _minutes(session: SessionReader) -> SessionMinutes:
@@ -228,17 +229,17 @@ def horizon_findings(
         share = sunlit_share(horizon, sun, MINUTE_EDGE_DEG)
         shaded = _shaded_minutes(minutes, region.name) & (share == 1.0)
         if shaded.any() and horizon:
-            text = f"shaded although its horizon leaves the sun visible: {_times(minutes, shaded)}"
+            text = Words("issue.shaded_above_horizon", times=_times(minutes, shaded))
             yield Finding(
                 "warn", region.name, text, "correct its horizon, unless a board or a person was there"
             )
         elif shaded.any():
             fix = "give a horizon and estimate again, if terrain did it; see how-to/shadows"
-            yield Finding("warn", region.name, f"shaded: {_times(minutes, shaded)}", fix)
+            yield Finding("warn", region.name, Words("issue.shaded", times=_times(minutes, shaded)), fix)
         below = (share == 0.0) & compared & (sun[:, 2] > 0.0)
         sunlit = _sunlit_below(minutes, region.name, references, below)
         if sunlit.any():
-            text = f"sunlit although its horizon hides the sun: {_times(minutes, sunlit)}"
+            text = Words("issue.sunlit_below_horizon", times=_times(minutes, sunlit))
             yield Finding("warn", region.name, text, "correct its horizon")
 
 

@@ -144,15 +144,15 @@ def confidence(estimates: Iterable[SlopeEstimate]) -> str:
 def reference_check(check: ReferenceCheck) -> str:
     """A reference's slope by all others, such as 14.8° (13.9–15.7), and the stated one."""
     ends = f"{check.tilt_low_deg:.1f}–{check.tilt_high_deg:.1f}"
-    words = f"reference {check.region}: {check.tilt_deg:.1f}° ({ends}) by the other regions"
-    return f"{words}, stated {check.stated_tilt_deg:.1f}°{'' if check.holds else ': they contradict'}"
+    words = f"reference {check.region}: {check.tilt_deg:.1f}° ({ends}) from the other regions"
+    return f"{words}, stated {check.stated_tilt_deg:.1f}°{'' if check.holds else ': contradicted'}"
 
 
 def wide_means(sure: str, target_deg: float) -> str:
     """Meaning of the state ``wide``, where regions have a `confidence` and `target_deg` is narrow enough."""
     return (
-        f"± is over {target_deg:g}° and over {STEEP_SHARE:.0%} of the tilt ({sure}), or the minutes give a "
-        "reason against relying on it"
+        f"± exceeds {target_deg:g}° and {STEEP_SHARE:.0%} of the tilt ({sure}), or there is a reason not to "
+        "rely on it"
     )
 
 

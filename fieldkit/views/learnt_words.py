@@ -24,9 +24,9 @@ FIRST = ("gain", "depth", "thermal_inertia", "exchange")
 COLUMNS = ("parameter", "from data", "learnt", "prior")
 RESIDUAL_COLUMNS = ("region", "residual, K", "autocorrelation")
 _MEANING = (
-    "From data: one less posterior over prior standard deviation, 0 % where the data added nothing. Gain is "
-    "absorbed over stated direct light; diffuse light is relative to what was measured or configured, "
-    "longwave and air temperature are offsets from it; circumsolar share: 0 isotropic, 1 Hay and Davies."
+    "From data: 1 − posterior/prior standard deviation; 0 %: the data added nothing. Gain: absorbed over "
+    "stated direct light. Diffuse light is relative to the measured or configured value; longwave and air "
+    "temperature are offsets from it. Circumsolar share: 0 isotropic, 1 Hay and Davies."
 )
 BAR_CELLS = 8
 SHORT_UNIT = 4
@@ -136,13 +136,13 @@ def correlations(learnt: Learnt) -> dict[str, float]:
 
 def judgement(learnt: Learnt) -> str:
     """Judgement of the model by the residuals, in a sentence."""
-    chi_square = f"Mean square of the standardised residuals {formatting.number(learnt.chi_square, 2)}"
+    chi_square = f"Mean square of the standardised residuals: {formatting.number(learnt.chi_square, 2)}"
     if missed := correlations(learnt):
         return (
-            f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute, so that "
-            "the model misses something there and the likelihood regions are narrower than they should be."
+            f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute: the model "
+            "misses something there, and the likelihood regions are too narrow."
         )
-    return f"{chi_square} (1 where the stated noise holds); uncorrelated from minute to minute."
+    return f"{chi_square} (1: as the stated noise); uncorrelated from minute to minute."
 
 
 def _interval(value: float, low: float, high: float) -> str:

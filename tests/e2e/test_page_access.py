@@ -21,9 +21,9 @@ from fieldkit.page import server as page_server
 from fieldkit.page.checks import CHECKS, known_host, same_origin
 from fieldkit.page.hub import MAX_VIEWERS
 from fieldkit.page.keys import MOST_KEPT, Keys
-from fieldkit.page.phrases import phrases
 from fieldkit.page.server import listening
 from fieldkit.page.sessions import identifier
+from fieldkit.phrases import phrases
 from fieldkit.recording.background import RecordOptions
 from fieldkit.views.metrics import MEDIA_TYPE
 from tests.harness.disk import full_disk

@@ -16,7 +16,8 @@ import pytest
 
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.page.phrases import phrases
+from fieldkit.page.phrases import issue_document
+from fieldkit.phrases import Words, phrases, text_document
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import BEDS
@@ -249,6 +250,17 @@ def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, pa
             "alarm": "camera does not respond",
         }
         assert shown == (phrases()[f"event.{key}"].format_map(words) if key else "stored"), kind
+    happened = Words("issue.event", time="at noon", event="stored", happened=event)
+    issues = [
+        issue_document({"what": "clock", **text_document(Words("issue.missing", count=3, last=9))}, "en"),
+        issue_document({"what": "gap lux", **text_document(happened)}, "en"),
+        issue_document({"text": "of a {newer} version"}, "en"),
+    ]
+    event["kind"] = "gap"
+    shown = watched.page.evaluate(f"(() => {{ {code} return {json.dumps(issues)}.map(issueText); }})()")
+    gap = phrases()["event.gap"].format_map(words)
+    missing = Words("issue.missing", count=3, last=9)
+    assert shown == [f"clock: {missing}", f"at noon {gap}", "of a {newer} version"]
 
 
 def test_theme_and_language_are_chosen_and_kept_on_the_device(browser, page):

@@ -62,7 +62,7 @@ function showDrawing() {
   $("close-outline").hidden = draft.closed || isSkyline();
   $("close-outline").disabled = draft.vertices.length < 3;
   $("save-region").hidden = !draft.closed && !(isSkyline() && draft.vertices.length > 1);
-  if (!draft.closed) showVerdict({ level: "", text: phrase("drawing.corners", { count: draft.vertices.length }) });
+  if (!draft.closed) showVerdict({ text: phrase("drawing.corners", { count: draft.vertices.length }) });
 }
 
 const isSkyline = () => form.elements.kind.value === "skyline";
@@ -146,10 +146,10 @@ async function checkDraft(shrink) {
   if (!drawing.draft) return;
   if (answer.ok && shrink !== undefined) setVertices(answer.data.points_px.map(within));
   else if (drawing.unchecked) [drawing.unchecked] = [false, checkDraft()];
-  else if (drawing.draft.closed) showVerdict(answer.ok ? answer.data : { level: "", text: answerText(answer) });
+  else if (drawing.draft.closed) showVerdict(answer.ok ? answer.data : { text: answerText(answer) });
 }
 
-function showVerdict({ level, text, pixels: count, spread_c: spread, shrink_px: shrink }) {
+function showVerdict({ level = "", issues = [], text = issuesText(issues), pixels: count, spread_c: spread, shrink_px: shrink }) {
   const facts = [count === undefined ? "" : `${number(count)} px`, Number.isFinite(spread) ? phrase("verdict.spread", { kelvin: number(spread, 2) }) : ""];
   $("verdict").className = level;
   say($("verdict-text"), [...facts, level === "ok" ? phrase("verdict.ok") : text].filter(Boolean).join(", "));

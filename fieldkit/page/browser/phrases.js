@@ -3,8 +3,10 @@
 const TEXTS = {{texts}};
 const LANGUAGES = {{languages}}; // their own names by code
 
-/** The text of a key with its `{slots}` filled. */
-const phrase = (key, values = {}) => TEXTS[key].replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+/** A text with its `{slots}` filled. */
+const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+
+const phrase = (key, values = {}) => filled(TEXTS[key], values);
 
 /** The word for a name of the product, such as a state; a name that the catalogue has not is shown as it is. */
 const wordFor = (group, name) => TEXTS[`${group}.${name}`] ?? name;
@@ -33,10 +35,20 @@ function markText({ kind, text, time_ms: start, end_ms: end }) {
 
 const alarmText = ({ condition, subject }) => phrase(`alarm.${condition}`, { subject });
 
+/** What is wrong with a region or a session; an event is in its own words, which name what it is about. */
+function issueText({ what, text, data }) {
+  const event = data?.happened && eventText(data.happened);
+  const words = data ? filled(text, event ? { ...data, event } : data) : text;
+  return what && !event ? `${what}: ${words}` : words;
+}
+
+const issuesText = (issues) => issues.map(issueText).join("; ");
+
 /** What a request did, or why not and what to do next. */
 function answerText({ key, event, data, text, fix }) {
   if (event) return eventText(event);
-  return key ? phrase(key, data ?? {}) : [text, fix].filter(Boolean).join(" ");
+  const values = data?.issues ? { ...data, issues: issuesText(data.issues) } : data ?? {};
+  return key ? phrase(key, values) : [text, fix].filter(Boolean).join(" ");
 }
 
 /** An answer that never left this page. */

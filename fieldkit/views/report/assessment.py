@@ -20,8 +20,8 @@ _COUNTED = {
     EventKind.GARBLED: ("report of garbled records", "reports of garbled records"),
     EventKind.OVERRANGE: ("reading out of range", "readings out of range"),
     EventKind.CLOCK_STEP: ("clock step", "clock steps"),
-    EventKind.SLEPT: ("suspend of the computer", "suspends of the computer"),
-    EventKind.MOVED: ("movement of the camera", "movements of the camera"),
+    EventKind.SLEPT: ("sleep of the computer", "sleeps of the computer"),
+    EventKind.MOVED: ("camera movement", "camera movements"),
     EventKind.DISK: ("disk warning", "disk warnings"),
 }
 
@@ -51,24 +51,23 @@ def truths_held(columns: Series) -> str:
     with_truth = [(estimate, truth) for estimate, truth in finals if estimate and truth == truth]
     count = sum(estimate.tilt_low_deg <= truth <= estimate.tilt_high_deg for estimate, truth in with_truth)
     sure = formatting.confidence(estimate for estimate, _ in with_truth)
-    return (
-        f"The given tilt is within the {sure} region on {_of(count, len(with_truth))}." if with_truth else ""
-    )
+    words = f"Given tilts within their {sure} regions: {count} of {len(with_truth)}."
+    return words if with_truth else ""
 
 
 def _headline(columns: Series) -> str:
     finals = [target.final_estimate for target in columns.targets if target.final_estimate]
     if not columns.targets:
-        return "No target regions are drawn: nothing was estimated."
+        return "No target regions: nothing to estimate."
     if not finals:
-        return f"No slope was found on any of {len(columns.targets)} targets."
+        return f"No slope was found for any of {len(columns.targets)} targets."
     sentence = f"{formatting.findings(finals, columns.regions)}. {truths_held(columns)}".strip()
     errors = {target.region.name: _final_error(target) for target in columns.targets}
     off = {name: error for name, error in errors.items() if np.isfinite(error)}
     if not off:
-        return f"{sentence} No true tilts were given to compare with."
+        return f"{sentence} No given tilts to compare with."
     worst = max(off, key=lambda name: off[name])
-    return f"{sentence} The largest error has {worst}: {off[worst]:.1f}°."
+    return f"{sentence} Largest error: {off[worst]:.1f}° ({worst})."
 
 
 def _final_error(target: TargetSeries) -> float:
@@ -80,19 +79,13 @@ def _final_error(target: TargetSeries) -> float:
     )
 
 
-def _of(some: int, total: int) -> str:
-    if total == 1:
-        return "the target" if some else "0 of 1 targets"
-    return f"all {total} targets" if some == total else f"{some} of {total} targets"
-
-
 def _slope_warnings(columns: Series) -> list[str]:
     warnings = []
     for target in columns.targets:
         last = target.last
         if last is not None and (last.state not in CERTAIN or (last.reason and last.state is SlopeState.OK)):
             reasons = (f" {word[0].upper()}{word[1:]}." for word in last.reason.split("; ") if word)
-            warnings.append(f"{target.region.name} ended as: {formatting.state(last)}.{''.join(reasons)}")
+            warnings.append(f"{target.region.name} at the end: {formatting.state(last)}.{''.join(reasons)}")
     minutes = int(columns.cloudy.sum())
     if minutes:
         warnings.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")
@@ -102,7 +95,7 @@ def _slope_warnings(columns: Series) -> list[str]:
 def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
     warnings = []
     if state not in ("sealed", "recovered"):
-        warnings.append(f"The session is {state}, not sealed: more may follow, or recover it.")
+        warnings.append(f"The session is {state}, not sealed: wait for its end, or recover it.")
     for kind, (singular, many) in _COUNTED.items():
         count = sum(event.kind is kind for event in events)
         if count:
@@ -117,5 +110,5 @@ def _alarm_warnings(events: Sequence[Event]) -> list[str]:
         raised > 0
     )
     if left := present_alarms(events):
-        warnings.append(f"Present at the end: {'; '.join(alarm.text for alarm in left)}.")
+        warnings.append(f"Still present at the end: {'; '.join(alarm.text for alarm in left)}.")
     return warnings

@@ -75,10 +75,10 @@ def _headline(parts: Sequence[Part]) -> str:
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(error).sum())
-    mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
+    mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates"
     wide = sum(target.wide for target in targets)
     meaning = formatting.wide_means(_confidence(parts), parts[0].settings.target_half_width_deg)
-    return f"{mean_words}, of which {wide} are wide: {meaning}."
+    return f"{mean_words}, of which {wide} are wide ({meaning})."
 
 
 def _confidence(parts: Sequence[Part]) -> str:
@@ -91,11 +91,11 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, target, sd) for part in parts for target in part.columns.targets]
     sure = _confidence(parts)
     caption = (
-        f"Tilt: the final one ± half the width of its {sure} region. MAE and SD: over the n minutes with an "
-        f"estimate, of which some are wide; SD {sd_words(sd)}. RMSE: measured surface temperature "
-        " against eq. (7), the reference standing in for air and sky."
+        f"Tilt: the final one, ± half the width of its {sure} region. MAE and SD: over the n minutes with an "
+        f"estimate; SD {sd_words(sd)}. Wide: how many of them are. RMSE: measured surface temperature "
+        "against eq. (7), the reference standing in for air and sky."
     )
-    errors = ("MAE (SD) °", "n", "wide", "RMSE K", "clouded min")
+    errors = ("MAE (SD) °", "n", "wide", "RMSE K", "cloudy min")
     return Table(("day", "session", "region", "tilt °", "given", *errors), rows, caption)
 
 
@@ -147,7 +147,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
         figures.append(
             Figure(
                 study_figures.measured_against_modelled(measured, modelled, rmse),
-                f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
+                f"As Fig. 12 of the paper, one colour per day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
                 f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
             )
         )
@@ -156,8 +156,8 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
         figures.append(
             Figure(
                 study_figures.errors_over_local_time(errors, _zone(parts[0])),
-                "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
-                f"means over {SPAN_S / 60:.0f} min of all days. Bars: one SD, {sd_words(sd)}.",
+                "As Fig. 13 of the paper: absolute tilt error over local time, one line per given tilt, "
+                f"{SPAN_S / 60:.0f} min means of all days. Bars: one SD, {sd_words(sd)}.",
                 "Absolute tilt error of each given tilt against local time.",
             )
         )

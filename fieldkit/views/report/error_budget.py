@@ -32,24 +32,23 @@ from fieldkit.views.report.series import ReportData, Series, TargetSeries
 OFFSET_K = 0.3
 SCALE = 0.10
 READING = (
-    "to first order and with the azimuth known; in brackets what the cause amounts to in eq. (6). "
-    "Plus: the region seems to face the sun more than it does."
+    "to first order, azimuth known; in brackets the cause as a term of eq. (6). "
+    "Plus: the region seems turned more towards the sun."
 )
 """Caption of the table."""
 LEAST_SHARE = 1e-3
 GUM = (
-    "The variance of each tilt by input, after the data (JCGM 100:2008). Type A: determined by the session's "
-    "own minutes, B: resting on the prior. Without unit: relative. A negative share compensates another. "
-    "An estimate writes it as CSV."
+    "Share of each input in the variance of the tilt (JCGM 100:2008). Type A: known from this session's "
+    "minutes; B: from the prior. Uncertainties without a unit are relative. A negative share offsets others."
 )
 MODELS = (
-    "The same minutes by each model: final tilts, ± half the width of the likelihood region; mean absolute "
-    "error over all minutes with an estimate; share of these whose region holds the given tilt."
+    "The same minutes by each model: final tilt, mean absolute error, and share of the minutes whose "
+    "likelihood region holds the given tilt."
 )
 MODEL_WORDS: Mapping[Model, str] = {
-    "paper": "These slopes were estimated without them.",
-    "full": "These slopes were estimated with the full model, which has them at the values configured.",
-    "learned": "These slopes were estimated with the learned model, which has them and learns their size.",
+    "paper": "The slopes above were estimated without them.",
+    "full": "The slopes above are by the full model, which includes them as configured.",
+    "learned": "The slopes above are by the learned model, which includes them and learns their size.",
 }
 
 
@@ -87,7 +86,7 @@ def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:
         if abs(term.share) >= LEAST_SHARE
     ]
     columns = ("term", "type", "standard uncertainty", "° per unit", "of the variance")
-    return Table(columns, rows, f"Slope of {region}.")
+    return Table(columns, rows, f"Tilt of {region}.")
 
 
 def model_table(data: ReportData) -> Table:
@@ -100,7 +99,7 @@ def model_table(data: ReportData) -> Table:
         if (columns := by_model.get(model)) is not None
     ]
     names = (target.region.name for target in data.columns.targets)
-    return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} In bold: used above.")
+    return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} Bold: used above.")
 
 
 def _model_row(name: object, columns: Series) -> list[object]:
@@ -163,12 +162,11 @@ def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
     finite = [cost for cost in costs if np.isfinite(cost)]
     cost = formatting.number(float(np.mean(finite)) if finite else float("nan"), 1)
     omitted = (
-        "The paper's model, eq. (6), contains direct sunlight, and an exchange with air and sky that region "
-        "and reference share. A tilted region also sees less sky and more ground, and its sand takes up heat "
-        "at another rate: diffuse light, sky longwave and storage are omitted. With "
-        f"{settings.diffuse_fraction:.0%} of the light diffuse, {settings.longwave_down_w_m2:.0f} W/m² of "
-        f"longwave from the sky and {slab.depth_m * 100:g} cm of sand these terms bias the tilt by {cost}° "
-        "here, on average over the regions; they partly cancel."
+        "The paper's model, eq. (6), has direct sunlight and a heat exchange that region and reference "
+        "share. It omits diffuse light, sky longwave and stored heat, which differ on a slope. With "
+        f"{settings.diffuse_fraction:.0%} diffuse light, {settings.longwave_down_w_m2:.0f} W/m² of sky "
+        f"longwave and {slab.depth_m * 100:g} cm of sand they bias the tilt by {cost}° here, on average over "
+        "the regions; they partly cancel."
     )
     return f"{omitted} {MODEL_WORDS[settings.model]}"
 
@@ -177,13 +175,13 @@ def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
     weakest = min(budgets, key=lambda budget: np.nan_to_num(abs(budget.kelvin_per_degree), nan=np.inf))
     offset_deg = formatting.number(abs(weakest.of_offset(OFFSET_K)), 1)
     return [
-        f"Offsets between regions do not average away. {weakest.name} has "
-        f"{formatting.number(weakest.kelvin_per_degree, 2)} K per degree: {OFFSET_K:g} K cost {offset_deg}°. "
-        "A uniform target before and after the session measures them (fieldkit calibrate uniformity).",
-        "Noise averages over a longer window; the other uncertainties in the likelihood region do not. The "
-        "azimuth needs an hour or more of sun motion.",
-        "A wrong scale of the irradiance (lux meter, model, albedo, heat exchange) scales all tilts "
-        "alike; one region of known slope calibrates it.",
+        f"Offsets between regions do not average out: at {formatting.number(weakest.kelvin_per_degree, 2)} K "
+        f"per degree, {OFFSET_K:g} K cost {weakest.name} {offset_deg}°. Measure them on a uniform target "
+        "before and after the session (fieldkit calibrate uniformity).",
+        "A longer window averages out noise, but no other uncertainty. The azimuth needs an hour or more of "
+        "sun motion.",
+        "A wrong irradiance scale (light meter, model, albedo, heat exchange) scales all tilts alike; a "
+        "region of known slope calibrates it.",
     ]
 
 

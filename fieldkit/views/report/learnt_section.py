@@ -44,15 +44,15 @@ def _figures(data: ReportData) -> Iterator[Figure]:
     )
     yield Figure(
         _prior_and_posterior(learnt),
-        f"Each parameter on the scale of its prior: grey the {sure} interval before the data, blue after "
-        "them, with the medians. A blue bar as long as the grey one: the data added nothing.",
+        f"Each parameter on the scale of its prior: {sure} intervals before (grey) and after the data "
+        "(blue), with medians. Where both are equally long, the data added nothing.",
         f"Parameters before and after the data: {words}.",
     )
     if learnt_words.main(learnt):
         yield figure_over_time(
             data,
             _over_time(data.columns, data.site),
-            f"What was known by each minute, with {sure} intervals; grey: the prior.",
+            f"Parameters by minute with {sure} intervals; grey: the prior.",
             "Parameters against local time, their intervals narrowing from the prior's.",
             lambda minute: _learnt_at(data, minute),
             wide=False,

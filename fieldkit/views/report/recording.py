@@ -64,7 +64,7 @@ def _frame_caption(data: ReportData, frame: Frame, scale: image.Scale) -> str:
     when = data.clock_time(frame.time_ns, seconds=True)
     zone = formatting.zone_name(frame.time_ns, data.site)
     kind = "Brightness temperature" if scale.unit == "°C" else "Counts"
-    return f"{kind} at {when} ({zone}), as the camera saw it, with the regions; axes: {cols} x {rows} pixels."
+    return f"{kind} at {when} ({zone}) with the regions; axes in pixels ({cols} x {rows})."
 
 
 def _outline(region: Region) -> Mapping[str, object]:
@@ -158,9 +158,9 @@ def clock(data: ReportData) -> str:
     worst = max(drifts_ms, key=abs)
     good_to_ms = max(check.error_ns for check in checks) / 1e6
     return (
-        f"{len(checks)} checks against {sources}. Since the start UTC and the monotonic counter moved "
-        f"apart by at most {worst:+.1f} ms (end: {drifts_ms[-1]:+.1f} ms); each check is good to "
-        f"{good_to_ms:.2f} ms or better. A minute would be 0.25° of sun. Recorded times were not changed."
+        f"{len(checks)} clock checks ({sources}), each good to {good_to_ms:.2f} ms: the clock drifted from "
+        f"recorded times by at most {worst:+.1f} ms (end: {drifts_ms[-1]:+.1f} ms). A minute equals 0.25° of "
+        "sun. Recorded times were not changed."
     )
 
 
@@ -176,7 +176,7 @@ def provenance(data: ReportData) -> Table:
         ("versions", ", ".join(versions())),
         ("Python", f"{platform.python_version()} on {platform.platform()}"),
         ("estimator", f"{data.settings.method}, model {data.settings.model}"),
-        ("minutes", "of the recording itself" if data.is_recordings else "estimated from the stored samples"),
+        ("minutes", "as recorded" if data.is_recordings else "computed again from the stored samples"),
     ]
     credits = ((name, getattr(session.header, name)) for name in ("operator", "license", "references"))
     rows += [(name, value) for name, value in credits if value]

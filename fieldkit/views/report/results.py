@@ -33,7 +33,8 @@ SPAN_S = 1200.0
 def slopes(data: ReportData) -> Table:
     """Each target with its final slope and the slope that was given."""
     caption = f"±: half the width of the {percent(data.settings.confidence)} region."
-    caption = " ".join([caption, *(f"{formatting.reference_check(check)}." for check in data.checks)])
+    checks = map(formatting.reference_check, data.checks)
+    caption = " ".join([caption, *(f"{words[0].upper()}{words[1:]}." for words in checks)])
     columns = ("region", "tilt °", "azimuth °", "given", "state")
     return Table(columns, list(map(_slope_row, data.columns.targets)), caption)
 
@@ -42,12 +43,12 @@ def accuracy(data: ReportData) -> Table:
     """Each target with the parts of its uncertainty, and its error against the given slope."""
     columns = {
         "region": "",
-        "noise": "Noise: what noise alone contributes to the ± of the tilt.",
-        "also fits": "Also fits: another slope, tilt/azimuth, that explains the same minutes.",
+        "noise": "Noise: the ± of the tilt by noise alone.",
+        "also fits": "Also fits: another slope (tilt/azimuth) that explains the same minutes.",
         "K per °": "K per °: change of the temperature difference with tilt.",
         "last error °": "Last error: final tilt less given tilt.",
-        "mean |error| (SD) °": "Mean |error|: absolute difference to the given tilt, over all n minutes with "
-        f"an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}.",
+        "mean |error| (SD) °": "Mean |error|: mean absolute difference from the given tilt over the n "
+        f"minutes with an estimate, without slopes held through clouds. SD {sd_words(data.sd)}.",
         "n": "",
     }
     rows = [_accuracy_row(target, data.sd) for target in data.columns.targets]
@@ -78,7 +79,7 @@ def likelihood_words(settings: EstimatorSettings) -> str:
     parts += [f"an emissivity good to {sd:.3f}" for sd in sorted(emissivity_sds)]
     if settings.model == "learned":
         parts.append(f"a drift between them of {settings.drift_sd_k_per_h:g} K/h")
-        return f"covers {', '.join(parts)}, and what prior and data leave open of every parameter learnt"
+        return f"covers {', '.join(parts)}, and the remaining uncertainty of every learnt parameter"
     relative_sds = {
         "an irradiance scale": settings.scale_sd,
         "a light meter's factor": settings.factor_sd,
@@ -136,7 +137,7 @@ def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
         return "no estimate"
     ended = formatting.state(last, second=False)
     final_state = formatting.state(final, second=False) if final else ended
-    return final_state if final_state == ended else f"{final_state}; ended as: {ended}"
+    return final_state if final_state == ended else f"{final_state}; at the end: {ended}"
 
 
 # ---------------------------------------------------------------------- over time
@@ -149,8 +150,8 @@ def slope_figures(data: ReportData) -> Iterator[Figure]:
         yield figure_over_time(
             data,
             session_figures.tilts(columns, data.site),
-            f"Tilt of each region. Shaded: {sure} likelihood region; dashed: the given tilt; crosses: not to "
-            f"be relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
+            f"Tilt of each region. Shaded: {sure} likelihood region; dashed: given tilt; crosses: unreliable "
+            f"(held, shaded, no intersection); ticks at the bottom: no slope.{_clouds(columns)}",
             f"Tilt against local time. {_final_tilts(columns)}",
             lambda minute: _tilts_at(columns, minute),
         )
@@ -170,8 +171,8 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
         yield figure_over_time(
             data,
             session_figures.azimuths(columns, site),
-            "Azimuth of each region's normal with its likelihood region; a region over all 360° means that "
-            "the data do not determine it. Dashed: the given azimuth.",
+            "Azimuth of each region's normal with its likelihood region; where it spans 360°, the data leave "
+            "it open. Dashed: given azimuth.",
             "Azimuth of each region against local time.",
             lambda minute: _azimuths_at(columns, minute),
         )
@@ -189,7 +190,7 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
         yield figure_over_time(
             data,
             session_figures.irradiance(columns, site),
-            "Illuminance as measured, and direct normal irradiance by the model "
+            "Measured illuminance, and direct normal irradiance derived by the model "
             f"“{columns.irradiance_model}”.{clouds}",
             "Illuminance and derived direct normal irradiance against local time.",
             lambda minute: _irradiance_at(columns, minute),
@@ -259,7 +260,7 @@ def paper_comparison(data: ReportData) -> Mapping[str, object] | None:
     rmse_k = temperature_rmse_k(columns.temperature_k, modelled)
     summary = (
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
-        f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
+        f"{len(modelled)} regions (the paper: 1.83 K)."
     )
     return {"summary": summary, "figures": data.draw(lambda data: _paper_figures(data, modelled, rmse_k))}
 
@@ -270,9 +271,8 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
         temperatures_k = {name: columns.temperature_k[name] for name in modelled}
         yield Figure(
             study_figures.measured_against_modelled(temperatures_k, modelled, rmse_k),
-            f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
-            f"parameters. RMSE {rmse_k:.2f} K. Air temperature and longwave are not measured; the reference "
-            "stands in for them through eq. (7), so it is not among the points.",
+            "As Fig. 12 of the paper: measured surface temperature against eq. (7) with this session's "
+            "parameters. The reference stands in for air temperature and longwave, so it is not plotted.",
             f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
             parts=list(modelled),
         )
@@ -285,7 +285,7 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
     if any(errors.values()):
         yield Figure(
             study_figures.errors_over_local_time(errors, data.zone),
-            f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
+            f"As Fig. 13 of the paper: absolute tilt error over local time, {SPAN_S / 60:.0f} min means. "
             f"Bars: one SD, {sd_words(data.sd)}.",
             "Absolute tilt error of each region against local time.",
             parts=list(errors),

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pytest
 
 from fieldkit.page.document import document
-from fieldkit.page.phrases import LANGUAGES
+from fieldkit.phrases import LANGUAGES
 
 MAX_GZIP_BYTES = 40_000
 NONCE = "aB3-_x"

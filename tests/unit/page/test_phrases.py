@@ -1,19 +1,29 @@
 """The catalogue of the page: whole in every language, and with a text for whatever can happen."""
 
+import copy
+import inspect
+import pickle
 import re
 from importlib import resources
 from importlib.resources.abc import Traversable
 
 import pytest
 
+from fieldkit.estimation import region_check
 from fieldkit.model.alarm import Condition
 from fieldkit.model.errors import ConfigError, RefusedError
 from fieldkit.model.next_step import Action
-from fieldkit.model.samples import EventKind
+from fieldkit.model.samples import EventKind, Quality
+from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.page.outgoing import without_commands
-from fieldkit.page.phrases import LANGUAGES, PageError, phrases, preferred_language
+from fieldkit.page.phrases import PageError, preferred_language
 from fieldkit.page.requests import TYPED
+from fieldkit.phrases import LANGUAGES, Words, phrases, text_document
+from fieldkit.results import check
+from fieldkit.sessions import check as session_check
+from fieldkit.sessions import radiation_check
+from fieldkit.sessions.check import REPORTED_ELSEWHERE
 
 PAGE = resources.files("fieldkit.page")
 NEVER_LIVE = {EventKind.CLOCK_CHECK, EventKind.IMPORTED}
@@ -23,6 +33,9 @@ def source(folder: Traversable, *suffixes: str) -> str:
     return "\n".join(file.read_text("utf-8") for file in folder.iterdir() if file.name.endswith(suffixes))
 
 
+CHECKS = "\n".join(
+    inspect.getsource(module) for module in (session_check, radiation_check, check, region_check)
+)
 CODE, SERVER = source(PAGE / "browser", ".js", ".html"), source(PAGE, ".py")
 
 
@@ -42,7 +55,8 @@ def test_every_text_that_the_code_names_is_there():
     named += [f"refused.{key}" for key in (*re.findall(r'PageError\("(\w+)"', SERVER), *TYPED, "reload")]
     reasons = re.findall(r'(?:leave\((?:\w+(?:\[0\])?, )?|LeftError\()"(\w+)"', SERVER)
     named += [f"closed.{reason}" for reason in reasons]
-    assert len(named) > 200
+    named += re.findall(r'Words\(\s*"([\w.]+)"', CHECKS)
+    assert len(named) > 250
     assert len(reasons) >= 4
     assert set(named) <= phrases().keys()
 
@@ -53,10 +67,24 @@ def test_every_text_that_the_code_names_is_there():
         ("event", {kind.name.lower() for kind in EventKind if kind not in NEVER_LIVE}),
         ("alarm", {condition.value for condition in Condition}),
         ("state", {state.name.lower() for state in SlopeState}),
+        ("issue.flagged", {str(flag.name).lower() for flag in Quality if not flag & REPORTED_ELSEWHERE}),
+        ("kind", {kind.name.lower() for kind in RegionKind}),
     ],
 )
 def test_whatever_can_happen_has_a_text(group, names):
-    assert names <= {key.split(".")[1] for key in phrases() if key.startswith(f"{group}.")}
+    keys = (key.removeprefix(f"{group}.") for key in phrases() if key.startswith(f"{group}."))
+    assert names <= {key.split(".")[0] for key in keys}
+
+
+def test_a_finding_keeps_key_and_values_when_it_is_copied_or_sent():
+    finding = Words("issue.missing", count=3, last=9)
+    for copied in (finding, copy.deepcopy(finding), pickle.loads(pickle.dumps(finding))):
+        assert text_document(copied) == {
+            "text": "3 samples are missing from the file (numbers 0 to 9)",
+            "key": "issue.missing",
+            "data": {"count": 3, "last": 9},
+        }
+    assert text_document("plain") == {"text": "plain"}
 
 
 @pytest.mark.parametrize(

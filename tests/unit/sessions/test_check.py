@@ -63,7 +63,7 @@ def test_gap_and_order_and_bunches_are_found(tmp_path):
     gap = [n * STEP_NS + (n > 30) * 14_000_000_000 for n in range(60)]
     assert "14.1 s" in said(recorded(tmp_path / "gap.h5", gap), "camera")
     back = [*STEADY[:30], STEADY[20], *STEADY[31:]]
-    assert "stand before" in said(recorded(tmp_path / "back.h5", back), "camera", "fail")
+    assert "out of order" in said(recorded(tmp_path / "back.h5", back), "camera", "fail")
     bunches = [(n // 3) * 3 * STEP_NS + (n % 3) * 1_000_000 for n in range(60)]
     assert "bunches" in said(recorded(tmp_path / "bunches.h5", bunches), "camera")
 

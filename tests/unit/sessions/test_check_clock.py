@@ -85,13 +85,13 @@ def added_s(path: Path) -> np.ndarray:
 
 def test_sleep_asks_for_a_map_from_there_on(tmp_path):
     path = slept_between(tmp_path / "a.h5", 100, 101, 660)
-    assert "slept 11 min" in said(path, "clock")
+    assert "slept for 11 min" in said(path, "clock")
     assert "stepped" not in said(path, "clock")
     added = added_s(path)
     assert set(added[:100]) == {0.0}  # the sleep began after picture 100
     assert set(added[101:]) == {660.0}
     assert said(path, "clock") == ""  # nothing is left to be done
-    assert "slept 11 min" in said(path, "clock", "ok")
+    assert "slept for 11 min" in said(path, "clock", "ok")
 
 
 def test_sleep_and_a_step_are_corrected_together(tmp_path):

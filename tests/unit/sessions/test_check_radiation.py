@@ -73,7 +73,7 @@ def test_a_spoilt_instrument_is_named(tmp_path, noon, column, spoilt, text):
     wrong = {**noon, column: np.full(60, spoilt)}
     found = findings(tmp_path / "a.h5", wrong)
     assert {level for level, _ in found} == {"warn"}
-    assert any(words.startswith(f"{text} in 60 minutes, first at 2016-01-01 11:29 MST") for _, words in found)
+    assert any(words.startswith(f"{text} in 60 min, first at 2016-01-01 11:29 MST") for _, words in found)
 
 
 def test_light_alone_is_not_compared(tmp_path, noon):

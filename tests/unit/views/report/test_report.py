@@ -111,7 +111,7 @@ def test_report_tells_what_where_when_and_how_good(page_text):
         "15°/180°", "25°/180°", "eq10 /0.44, no diffuse, horizontal",
         "covers noise of 0.05 K, an offset between regions of 0.25 K, an irradiance scale good to 8%, "
         "an exchange with the air good to 15%, and 20% of scale for what the paper's model omits",
-        "SD by eq. (9) as printed", "camera back after 14 s", "3 checks against system", "+4.0 ms",
+        "SD by eq. (9) as printed", "camera back after 14 s", "3 clock checks (system)", "+4.0 ms",
         "A. Nonymous", "fieldkit record --for 45m", "unit-norm, model paper", "numpy", 'azimuth = "known"',
     ):  # fmt: skip
         assert needed in page.text, needed
@@ -244,7 +244,7 @@ def test_verdict_names_the_worst_bed(make_minute, regions):
     slopes, truths, error = found.headline.split(". ")
     assert slopes == "b15 19.0° (18.0–21.0); b25 24.0° (23.0–25.0), not resolved, or 43.3°/181°"
     assert re.search("90 % .*1 of 2", truths)
-    assert error.endswith("b15: 4.0°.")
+    assert error.endswith("4.0° (b15).")
     (warning,) = found.warnings
     assert re.fullmatch("b25 .*43.3°/181°.", warning)
 
@@ -270,7 +270,7 @@ def test_the_state_beside_a_slope_is_its_own_and_how_the_bed_ended_too(written, 
 
 def test_verdict_without_truth_says_so(make_minute, regions):
     unknown = tuple(replace(region, tilt_deg=float("nan")) for region in regions)
-    assert "true tilts" in assess(series([make_minute(0)], unknown), [], "sealed").headline
+    assert "given tilts" in assess(series([make_minute(0)], unknown), [], "sealed").headline
 
 
 def test_verdict_without_slopes_is_plain(make_minute, regions):
