@@ -52,6 +52,8 @@ DAYS = (CLEAR, DECEMBER, FEBRUARY)
 """Clear winter days by the seed: a measured one, and two by formula at the same place."""
 HOURS = (12.0, 11.0, 13.0)
 """Beginnings of sessions under broken cloud by the seed, mean solar time: other clouds of one day. [h]"""
+BEFORE_SUNRISE_H = 6.75
+"""Mean solar time from 24 to 39 min before the sunrise of `DAYS`. [h]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +113,9 @@ def scenarios() -> Iterator[Scenario]:
     yield _row("nothing but light logged, January", january, _long(2.5), measured=light_alone)
     yield _row("nothing but light logged, August", august, _long(2.5), measured=light_alone)
     yield _row("air log stops after 10 min", clear, _long(2.1), measured=air_stops)
+    yield _row(
+        "sunrise", partial(clear, start_h=BEFORE_SUNRISE_H), _long(), sizes=f"begun at {BEFORE_SUNRISE_H} h"
+    )
     for veil, must in ((0.3, 2.2), (0.15, 1.5)):
         yield _harsh(f"thin high cloud, {veil:.0%}", _long(must), replace(HARMLESS, veil=veil))
     for minutes in (20.0, 40.0, 80.0):
@@ -125,6 +130,7 @@ def scenarios() -> Iterator[Scenario]:
     yield _harsh("exchange of its own for minutes", _long(1.9), replace(HARMLESS, exchange_fast=0.05))
     yield _harsh("people", _long(2.5), replace(HARMLESS, shadows_per_h=2.0))
     yield _harsh("shutter", _long(1.7), replace(HARMLESS, shutter_k=0.08))
+    yield _harsh("wall", _long(), replace(HARMLESS, wall_deg=20.0))
     yield _harsh("everything at once, clear", _long(1.3), HARSH)
     if BROKEN.exists():
         of_broken = partial(harsh_world, day=BROKEN_CLOUD)

@@ -33,6 +33,7 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import body_of
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Facet, Sky
@@ -52,6 +53,7 @@ WARM_UP_MIN = 20.0
 FORWARDS = 0.7
 DRYING_W_M2 = (40.0, 150.0)
 VEIL_MIN = 60.0
+WALL_WARMER_K, WALL_ALBEDO = 15.0, 0.3
 HAY_DAVIES, PEREZ, ISOTROPIC = "hay-davies", "perez", "isotropic"
 
 
@@ -88,6 +90,9 @@ class Harm:
         [min]
     level_deg
         The reference leans so far to the north or south. [degrees]
+    wall_deg
+        A long sunlit wall north of the beds, `WALL_WARMER_K` over the air and of `WALL_ALBEDO`, hides so much
+        of the sky above the horizon. [degrees]
     """
 
     exchange_fast: float = 0.03
@@ -109,6 +114,7 @@ class Harm:
     veil: float = 0.0
     drying_min: float = 0.0
     level_deg: float = 0.0
+    wall_deg: float = 0.0
 
     def sizes(self) -> str:
         """What is not harmless, as name and size."""
@@ -204,7 +210,8 @@ def _history(
     )
     own_share = 1.0 + _own_exchange(len(facets), steps, harm, random)
     exchange = field.exchange.at(state.wind_m_s) * own_share
-    surface = _surfaces(facets, field, light, time_s, exchange, _drying(field, len(facets), time_s, harm))
+    lost = _drying(field, len(facets), time_s, harm) - _from_wall(facets, state, sun, harm)
+    surface = _surfaces(facets, field, light, time_s, exchange, lost)
     minute_ns = begin_ns + np.arange(LEAD_MIN + minutes) * MINUTE_NS + MINUTE_NS // 2
     whole = History(
         minute=minute_ns // MINUTE_NS,
@@ -258,6 +265,21 @@ def _drying(field: DrawnField, beds: int, time_s: FloatArray, harm: Harm) -> Flo
         fading = np.where(minutes >= 0.0, np.exp(-np.maximum(minutes, 0.0) / harm.drying_min), 0.0)
         lost[random.integers(1, beds)] = random.uniform(*DRYING_W_M2) * fading
     return lost
+
+
+def _from_wall(facets: list[Facet], sky: SkyState, sun: FloatArray, harm: Harm) -> FloatArray:
+    """What each bed absorbs from the wall over what it would from the sky behind, W/m2 (beds, steps)."""
+    height = np.radians(harm.wall_deg)
+    warm = STEFAN_BOLTZMANN * (sky.air_temperature_k + WALL_WARMER_K) ** 4 - sky.longwave_down_w_m2
+    lit = WALL_ALBEDO * (sky.dni_w_m2 * np.maximum(-sun[:, 1], 0.0) + 0.5 * sky.dhi_w_m2) - sky.dhi_w_m2
+    rows = []
+    for facet in facets:
+        _, north, up = normal(facet.tilt_deg, facet.azimuth_deg)
+        away = np.arctan2(-north, up)
+        # of a strip without end, by crossed strings (H. C. Hottel): what rises above the bed's own horizon
+        seen = 0.5 * (np.cos(min(away, 0.0)) - np.cos(height - min(away, height))) * np.hypot(north, up)
+        rows.append(seen * ((1.0 - facet.albedo) * lit + facet.emissivity_broadband * warm))
+    return np.array(rows)
 
 
 def _surfaces(

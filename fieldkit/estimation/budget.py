@@ -21,6 +21,7 @@ from fieldkit.estimation.learned.hypotheses import DEPTH_QUANTILES, depths_m
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import (
+    LEVEL,
     LOGARITHMS,
     STATES,
     Moments,
@@ -35,7 +36,13 @@ from fieldkit.model.site import Region
 
 REST = "noise, drift and passing fluxes"
 NUMERICAL = "numerical error of the draw"
-UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}
+UNITS: Mapping[str, str] = {
+    "longwave": "W/m²",
+    "air": "K",
+    "offset": "K",
+    "drift": "K/h",
+    **dict.fromkeys((*LEVEL, REST), "°"),
+}
 LEARNT_SHARE = 0.5
 """Posterior over prior standard deviation below which the session's own minutes determine an input."""
 
@@ -106,7 +113,8 @@ def _priors(learner: Learner) -> dict[str, float]:
     places = prior_places(settings, prior_sds(settings, learner.logged_inputs))
     sds = {name: sd for name, (_, sd) in places.items()}
     sds |= {"offset": settings.offset_sd_k, "depth": float(high - low) / 2.0}
-    return {name: sds[name] for name in ("gain", *STATES, "offset", *LOGARITHMS)}
+    sds |= dict.fromkeys(LEVEL, math.degrees(learner.layout.level_sds[0]))
+    return {name: sds[name] for name in ("gain", *STATES, "offset", *LEVEL, *LOGARITHMS)}
 
 
 # --- by the models of rows, paper and full

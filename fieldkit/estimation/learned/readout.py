@@ -222,6 +222,8 @@ class Moments:
 
 
 STATES = ("diffuse", "circumsolar", "longwave", "air")
+LEVEL = ("level to the east", "level to the north")
+"""Lean of the first reference against what is stated, in degrees; east and north are those of a level one."""
 LOGARITHMS = ("exchange", "thermal_inertia", "depth", "gusts")
 
 
@@ -244,17 +246,21 @@ def moments(learner: Learner) -> Moments:
     covariance[inner, inner] += weights @ own  # of the first of LOGARITHMS
     tilts = tuple(f"tilt{target}" for target in range(layout.targets))
     offsets = tuple(f"offset{target}" for target in range(layout.targets))
-    return Moments(("gain", *tilts, *STATES, *offsets, *LOGARITHMS), mean, covariance)
+    return Moments(("gain", *tilts, *STATES, *offsets, *LEVEL, *LOGARITHMS), mean, covariance)
 
 
 def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatArray]:
-    """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states and offsets, by hypothesis."""
+    """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states, offsets, level, by hypothesis."""
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.place(name) for name in STATES]
     others += [layout.offset(layout.region(target)) for target in range(layout.targets)]
+    others += range(layout.level.start, layout.level.stop)
     steps, tilts = by_tilt(learner)
     turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))
     states, own, response = known_states(filters, normals, others)
+    # the level is a state in radians times the gain
+    units = np.append(np.ones(len(others) - len(LEVEL)), [math.degrees(1.0 / learner.settings.scale)] * 2)
+    states, own, response = states * units, own * np.outer(units, units), response * units[:, np.newaxis]
     crossed = np.matmul(response, steps.transpose(0, 2, 1))
     means = np.column_stack([normals.gain, tilts, states])
     upper = np.concatenate([turned, crossed.transpose(0, 2, 1)], axis=2)

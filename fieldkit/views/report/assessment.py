@@ -84,12 +84,20 @@ def _slope_warnings(columns: Series) -> list[str]:
     for target in columns.targets:
         last = target.last
         if last is not None and (last.state not in CERTAIN or (last.reason and last.state is SlopeState.OK)):
-            reasons = (f" {word[0].upper()}{word[1:]}." for word in last.reason.split("; ") if word)
-            warnings.append(f"{target.region.name} at the end: {formatting.state(last)}.{''.join(reasons)}")
+            sentences = [_sentence(reason, columns) for reason in last.reason.split("; ") if reason]
+            ended = f"{target.region.name} at the end: {formatting.state(last)}."
+            warnings.append(" ".join([ended, *sentences]))
     minutes = int(columns.cloudy.sum())
     if minutes:
         warnings.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")
     return warnings
+
+
+def _sentence(reason: str, columns: Series) -> str:
+    """A reason as a sentence; the name of a region keeps its letters, and a question its mark."""
+    is_named = reason.startswith(tuple(f"{region.name} " for region in columns.regions))
+    begun = reason if is_named else reason[0].upper() + reason[1:]
+    return begun if begun.endswith("?") else f"{begun}."
 
 
 def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:

@@ -10,10 +10,12 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
+from fieldkit.estimation.shade_evidence import DoubtfulShade
 from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.finding import Finding
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
-from fieldkit.results.check import check
+from fieldkit.results.check import CORRECT_MARK, check
 from fieldkit.sessions.finished_file import add_later_events, apply_time_map
 from fieldkit.sessions.layout import LATER_EVENTS
 from fieldkit.sessions.recovery import recover
@@ -152,6 +154,14 @@ def shaded(sessions, tmp_path):
         event = Event(EventKind.MARK, start_ns - session.anchor_ns, start_ns, "shade-test b15", data=data)
     add_later_events(path, [event])
     return path
+
+
+def test_a_mark_that_the_temperatures_contradict_is_named(shaded):
+    """The bed of a session in the sun was marked as shaded: it did not cool."""
+    with fieldkit.open_session(shaded) as session:
+        minute = session.start_ns // MINUTE_NS + 4
+    (finding,) = [one for one in check(shaded).findings if one.fix == CORRECT_MARK]
+    assert finding == Finding("warn", "b15", str(DoubtfulShade("b15", minute)), CORRECT_MARK)
 
 
 def slopes(path: Path, **options: object) -> tuple[list[float], int]:

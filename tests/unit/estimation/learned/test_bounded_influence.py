@@ -6,14 +6,15 @@ from itertools import product
 import numpy as np
 import pytest
 
+from benchmarks import estimation_influence as influence
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
+from benchmarks.estimation_influence import emptied, marked
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.inputs import doubtful, logged_inputs
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.reading_gaps import WAIT_MIN, reading_at, settled
 from fieldkit.estimation.shade_evidence import likely_shaded
-from fieldkit.model.samples import Quality
 from tests.harness.drawn import drawn_world
 
 MINUTES = 40
@@ -27,32 +28,15 @@ def world(request):
 
 @pytest.fixture(scope="module")
 def undisturbed(world):
-    return SlopeChain(world.regions, world.settings).at_once(world.history).slopes
-
-
-def half_width(slope):
-    return 0.5 * (slope.tilt_high_deg - slope.tilt_low_deg)
+    return influence.slopes_of(world)
 
 
 def moved(world, undisturbed, history):
     """Largest change of a tilt over the larger of its two half-widths."""
-    slopes = SlopeChain(world.regions, world.settings).at_once(history).slopes
-    return max(
-        abs(slope.tilt_deg - before.tilt_deg) / max(half_width(slope), half_width(before))
-        for slope, before in zip(slopes, undisturbed, strict=True)
-    )
+    return influence.moved(undisturbed, influence.slopes_of(world, history))
 
 
 COLUMNS = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s", "temperature_k")
-
-
-def emptied(history, column, row, region):
-    """The history without one reading, or without the minute where `column` is "minute"."""
-    if column == "minute":
-        return history.at(np.delete(np.arange(len(history)), row))
-    values = getattr(history, column).copy()
-    values[(row, region) if values.ndim == 2 else row] = np.nan
-    return replace(history, **{column: values})
 
 
 @pytest.mark.parametrize(
@@ -88,12 +72,19 @@ def test_no_minute_and_no_reading_moves_a_slope(world, undisturbed):
     assert max(moves) <= 0.5
 
 
-def marked(world, *marks):
-    """The history with shade marked in rows of regions, and nowhere else."""
-    flags = np.zeros_like(world.history.region_flags)
-    for region, first, end in marks:
-        flags[max(first, 0) : end, region] |= int(Quality.SHADED)
-    return replace(world.history, region_flags=flags)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("minutes", "moves"),
+    [(MINUTES, influence.by_false_mark), (60, influence.by_displaced_mark)],
+    ids=["false", "displaced"],
+)
+@pytest.mark.parametrize("day", [CLEAR, BROKEN_CLOUD])
+def test_no_false_or_displaced_mark_moves_a_slope(day, minutes, moves):
+    is_displaced = moves is influence.by_displaced_mark
+    found = list(moves(drawn_world(3, day, minutes=minutes, shade_test=is_displaced)))
+    print(f"99 % {np.quantile(found, 0.99):.3f}, largest {max(found):.3f} of {len(found)}")
+    assert np.quantile(found, 0.99) <= 0.25
+    assert max(found) <= 0.5
 
 
 def shaded(history):
@@ -103,7 +94,7 @@ def shaded(history):
 def test_a_marked_shade_that_cools_nothing_counts_for_nothing_and_is_named(world):
     layout = Layout.of(RegionColumns(world.regions), np.array([1, 2, 3]), world.settings)
     for region, first, minutes in product(range(4), (0, 9, 20, 33), (3, 5, 20)):
-        history = marked(world, (region, first, first + minutes))
+        history = marked(world.history, (region, first, first + minutes))
         # under a cloud a board cools nothing either
         assert not shaded(history)[history.dni_w_m2 > 500.0].any()
         (shade,) = doubtful(history, layout, world.regions)
@@ -111,7 +102,7 @@ def test_a_marked_shade_that_cools_nothing_counts_for_nothing_and_is_named(world
 
 
 def test_a_contradicted_mark_moves_no_slope_and_is_in_its_reason(world, undisturbed):
-    history = marked(world, (2, 20, 25))
+    history = marked(world.history, (2, 20, 25))
     assert moved(world, undisturbed, history) <= 0.25
     reasons = [slope.reason for slope in SlopeChain(world.regions, world.settings).at_once(history).slopes]
     named = [reason.startswith(world.regions[2].name) for reason in reasons]
@@ -122,8 +113,7 @@ def test_a_contradicted_mark_moves_no_slope_and_is_in_its_reason(world, undistur
 def boards():
     """Boards over each bed in turn under a clear sky; region, first and last row of each."""
     drawn = drawn_world(3, CLEAR, minutes=60, shade_test=True)
-    rows = [np.flatnonzero(column) for column in drawn.history.is_shaded().T]
-    return drawn, [(region, int(at[0]), int(at[-1]) + 1) for region, at in enumerate(rows) if at.size]
+    return drawn, influence.marks_of(drawn.history)
 
 
 @pytest.mark.parametrize(
@@ -134,8 +124,8 @@ def boards():
 def test_shade_is_where_it_cools_however_it_is_marked(boards, begins, ends, aside):
     world, (first, *others) = boards
     region, start, end = first
-    displaced = marked(world, (region + aside, start + begins, end + ends), *others)
-    assert np.array_equal(shaded(displaced), shaded(marked(world, first, *others)))
+    displaced = marked(world.history, (region + aside, start + begins, end + ends), *others)
+    assert np.array_equal(shaded(displaced), shaded(marked(world.history, first, *others)))
     # all of the board's whole minutes
     assert shaded(displaced)[start + 1 : end - 1, region].all()
 
@@ -143,7 +133,7 @@ def test_shade_is_where_it_cools_however_it_is_marked(boards, begins, ends, asid
 def test_shade_across_minutes_without_frames_stays(boards):
     world, marks = boards
     region, start, _ = marks[0]
-    history = marked(world, *marks).at(np.delete(np.arange(60), [start + 1, start + 2]))
+    history = marked(world.history, *marks).at(np.delete(np.arange(60), [start + 1, start + 2]))
     assert shaded(history)[start + 1, region]
 
 

@@ -1,12 +1,18 @@
 """Uncertainty budgets against a linear combination worked out by hand with the GUM's formula."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.drawn_worlds import CLEAR
+from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.budget import NUMERICAL, REST, budget_of
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.readout import Moments
+from fieldkit.estimation.learned.inputs import recorded_session
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.learner import ROUND, Learner
+from fieldkit.estimation.learned.readout import LEVEL, Moments, moments
 from tests.harness.drawn import drawn_world
 
 
@@ -40,3 +46,27 @@ def test_the_budget_of_a_session_adds_up():
         # fifteen minutes say nothing of the offset: its standard uncertainty stays that of the settings
         assert known["offset"].uncertainty == pytest.approx(world.settings.offset_sd_k, rel=0.1)
         assert known["offset"].kind == "B"
+        assert [known[name].kind for name in LEVEL] == ["B", "B"]
+        # beds to the south, whose reference leans to the north by as much as they come out flatter
+        assert known[LEVEL[1]].sensitivity < -0.5
+
+
+def joint_of(world, reference):
+    """Joint moments of one bed and what is learned beside this reference."""
+    layout = Layout.of(RegionColumns((reference, *world.regions[1:])), np.array([1]), world.settings)
+    session = recorded_session(world.history, 0, len(world.history), layout, world.regions, world.settings)
+    return moments(Learner(layout, world.settings, [session], ROUND))
+
+
+def test_a_reference_off_level_moves_a_slope_as_its_row_states():
+    """Numerical derivative of the tilt by the reference's lean, with what else the minutes teach by it."""
+    world = drawn_world(2000, CLEAR, minutes=30)
+    joint, to_the_north, to_the_south = (
+        joint_of(world, replace(world.regions[0], tilt_deg=tilt_deg, azimuth_deg=azimuth_deg))
+        for tilt_deg, azimuth_deg in ((0.0, 0.0), (0.3, 0.0), (0.3, 180.0))
+    )
+    tilt, level = (joint.names.index(name) for name in ("tilt0", LEVEL[1]))
+    # `level_sd_deg`: one reference shows nothing of its own level
+    assert joint.sd(LEVEL[1]) == pytest.approx(0.3, rel=0.01)
+    derivative = joint.covariance[tilt, level] / joint.covariance[level, level]
+    assert derivative == pytest.approx((to_the_north.mean[tilt] - to_the_south.mean[tilt]) / 0.6, rel=0.1)

@@ -252,11 +252,16 @@ def test_verdict_names_the_worst_bed(make_minute, regions):
 def test_a_headline_over_wide_regions_has_their_numbers_and_warnings_their_reasons(make_minute, regions):
     minute = make_minute(0, tilt_deg=30.4, state=SlopeState.WIDE)
     bounds = {"tilt_low_deg": 14.1, "tilt_high_deg": 46.9, "tilt_half_width_deg": 16.4}
-    wide = replace(minute.estimates[0], **bounds, reason="anything fits; one region narrows")
+    reason = "anything fits; one region narrows; b15 does not cool: is it shaded?"
+    wide = replace(minute.estimates[0], **bounds, reason=reason)
     held = replace(wide, region="b25", state=SlopeState.HELD_CLOUD)
     found = assess(series([replace(minute, estimates=(wide, held))], regions), [], "sealed")
     assert found.headline.startswith("b15 30.4° (14.1–46.9), wide; b25 30.4° (14.1–46.9), held: cloud.")
-    assert re.fullmatch(r"b15 .*wide\. Anything fits\. One region narrows\.", found.warnings[0])
+    sentences = r"Anything fits\. One region narrows\. b15 does not cool: is it shaded\?"
+    assert re.fullmatch(rf"b15 .*wide\. {sentences}", found.warnings[0])
+    certain = replace(minute, estimates=(replace(wide, state=SlopeState.OK),))
+    warning = assess(series([certain], regions), [], "sealed").warnings[0]
+    assert re.fullmatch(rf"b15 .*ok\. {sentences}", warning)
 
 
 @pytest.mark.usefixtures("without_matplotlib")
