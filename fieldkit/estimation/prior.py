@@ -133,7 +133,7 @@ class Prior:
         0.8, "of the logarithm of a factor on the three before, adapted to the data", **LOG
     )
     past_flux_sd_w_m2: float = key(40.0, "net flux before the first minute, all regions", **FLUX)
-    bed_past_flux_sd_w_m2: float = key(20.0, "net flux before the first minute, one bed", **FLUX)
+    bed_past_flux_sd_w_m2: float = key(8.0, "net flux before the first minute, one bed", **FLUX)
     normal_horizontal_sd: float = key(
         0.25, "each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees", **SHARE
     )

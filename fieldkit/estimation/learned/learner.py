@@ -18,6 +18,7 @@ from fieldkit.estimation.learned.hypotheses import Proposal, effective, log_prio
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
+from fieldkit.estimation.learned.unusual import with_usual_beds
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
@@ -237,19 +238,22 @@ class Learner:
         return self._share() < LEAST_SHARE or self._draw.proposal.distance(mean) > ASTRAY
 
     def _posterior(self, steps: int) -> Posterior:
-        best = self._weigh(self._starts, steps)
+        filters = with_usual_beds(self._draw.filters, self.last.hours)
+        best = self._weigh(filters, self._starts, steps)
         others = {}
-        for target, start in self._second_branches(*best).items():
+        for target, start in self._second_branches(filters, *best).items():
             starts = tuple(start if i == target else unit for i, unit in enumerate(best[0].units))
-            other = self._weigh(starts, STEPS_AFTER_DRAW)
+            other = self._weigh(filters, starts, STEPS_AFTER_DRAW)
             if mass(other[1]) > mass(best[1]):
                 best, other = other, best
             others[target] = other
         self._starts = best[0].units
-        return Posterior(self._draw.filters, best[1], best[0], others)
+        return Posterior(filters, best[1], best[0], others)
 
-    def _weigh(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
-        normals = unit_normals(self._draw.filters, starts, steps)
+    def _weigh(
+        self, filters: Filters, starts: tuple[FloatArray, ...], steps: int
+    ) -> tuple[UnitNormals, FloatArray]:
+        normals = unit_normals(filters, starts, steps)
         tilts = [
             tilt_azimuth(normals.units[target] @ self.layout.facing[target].T)[0]
             for target in range(self.layout.stated, self.layout.targets)
@@ -257,20 +261,18 @@ class Learner:
         # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
         over_proposal = log_prior(self._draw.points) - self._draw.proposal.log_density(self._draw.points)
-        # a first rate of warming, flux over inertia, is as probable under every hypothesis: by fluxes alone
-        # each region that begins quietly would speak for a high inertia, which leaves all of them small
-        beginnings = sum(len(session.minutes) > 1 for session in self._sessions) * self.layout.regions
-        over_proposal -= beginnings * np.log(self._draw.filters.hypotheses.inertia)
-        weights = self._draw.filters.log_likelihood + normals.log_evidence + over_proposal
+        weights = filters.log_likelihood + normals.log_evidence + over_proposal
         return normals, weights - np.where(too_steep, FAR, 0.0)
 
-    def _second_branches(self, normals: UnitNormals, log_weights: FloatArray) -> dict[int, FloatArray]:
+    def _second_branches(
+        self, filters: Filters, normals: UnitNormals, log_weights: FloatArray
+    ) -> dict[int, FloatArray]:
         """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""
         heaviest = int(np.argmax(log_weights))
         gain, facing = normals.gain[heaviest], self.layout.facing
         here = [unit[heaviest] for unit in normals.units]
         places = [self.layout.normal(target) for target in range(self.layout.targets)]
-        covariance, mean = self._draw.filters.covariance[heaviest], self._draw.filters.mean[heaviest]
+        covariance, mean = filters.covariance[heaviest], filters.mean[heaviest]
         information = [np.linalg.inv(covariance[place, place]) * gain**2 for place in places]
         towards = [matrix @ mean[place] / gain for matrix, place in zip(information, places, strict=True)]
         others = _other_minima(information, towards, here)

@@ -89,12 +89,19 @@ PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
 Judged: because each is three times as long as the one before, as the layer's memory fades by its stores of 1
 to 125 min; what lies farther back is in the level.
 """
-PAST_HOLDS_MIN = 60.0
-"""Time over which the net flux of the first minute was there before it, as an e-folding time backwards.
+PAST_SHARE, PAST_HOLDS_MIN = 0.5, 60.0
+"""Share of the net flux of a region's first minute that was there before it, and for how long: an e-folding
+time backwards.
 
-Judged: because sun and ground change within hours: beds that lie out for three hours before a session at noon
-take up about as much in its first minute as before. With no mean of past fluxes a bed that does not warm had
-to lose what it absorbs: the exchange came out a sixth too high and slopes as much too steep.
+Judged: because beds that lie out for hours before a session at noon take up about as much in its first minute
+as before, for as long as the sun stays. With none of it a bed that does not warm had to lose what it absorbs:
+slopes came out too steep. With all of it exchange of one bed's own for minutes made them too flat.
+"""
+PAST_ALIKE = 0.9
+"""Correlation of the fluxes of neighbouring bins.
+
+Judged: because ground takes up heat as slowly as the sun climbs. With bins that know nothing of each other a
+quiet beginning, which every bed has that lies out for long, spoke for a high inertia.
 """
 LEAST_UP_SD, UP_SHARE = 0.15, 0.6
 """Standard deviation of a normal's vertical component: at least, and as a share of a horizontal one's.
@@ -249,8 +256,9 @@ def prior_covariance(
         covariance[:, place, place] = variance[:, drive] / 2.0
         covariance[:, place, drive] = covariance[:, drive, place] = variance[:, drive] / 2.0
     past = _past_fills()
-    shared = (past * prior.past_flux_sd_w_m2**2) @ past.T
-    alone = (past * prior.bed_past_flux_sd_w_m2**2) @ past.T
+    bins = np.arange(past.shape[1])
+    alike = past @ PAST_ALIKE ** np.abs(bins[:, np.newaxis] - bins) @ past.T
+    shared, alone = prior.past_flux_sd_w_m2**2 * alike, prior.bed_past_flux_sd_w_m2**2 * alike
     for here in range(layout.regions):
         for there in range(layout.regions):
             covariance[:, layout.stores(here), layout.stores(there)] = shared + (here == there) * alone
@@ -272,7 +280,7 @@ def _state_slope(covariance: FloatArray, layout: Layout, target: int, scale: flo
 def past_of_first_flux(layout: Layout) -> FloatArray:
     """Places (n, regions) that the net flux of each region's first minute has filled before it."""
     middle = 0.5 * (PAST_MINUTES[:-1] + PAST_MINUTES[1:])
-    filled = _past_fills() @ np.exp(-middle / PAST_HOLDS_MIN)
+    filled = PAST_SHARE * _past_fills() @ np.exp(-middle / PAST_HOLDS_MIN)
     into = np.zeros((layout.size, layout.regions))
     for region in range(layout.regions):
         into[layout.stores(region), region] = filled

@@ -37,6 +37,8 @@ LASTING = ("gain", "wind")
 OF_SESSION = ("diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift")
 NOISE = Noise(0.04, 0.08)
 LATER_NOISE = Noise(0.06, 0.05)
+PAST_ALIKE = constants.PAST_ALIKE ** np.array([[abs(i - k) for k in range(5)] for i in range(5)])
+"""Correlation of fluxes before the first minute, as of a process that is relaxing from bin to bin."""
 LEVEL_SD = np.radians(0.3)
 """Of a reference's direction, as the settings have it where nothing is stated."""
 LATER_EXCHANGE = 2.0
@@ -222,12 +224,11 @@ class Dense:
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
             self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
-            past = len(constants.PAST_MINUTES) - 1
-            self.block(f"past{region}", 0.0, prior.bed_past_flux_sd_w_m2**2 * np.eye(past))
+            self.block(f"past{region}", 0.0, prior.bed_past_flux_sd_w_m2**2 * PAST_ALIKE)
             if region:
                 self.block(f"offset{region}", 0.0, settings.offset_sd_k**2)
                 self.block(f"drift{region}", 0.0, settings.drift_sd_k_per_h**2)
-        self.block("past", 0.0, prior.past_flux_sd_w_m2**2 * np.eye(past))
+        self.block("past", 0.0, prior.past_flux_sd_w_m2**2 * PAST_ALIKE)
 
     def _changing(self, has_air):
         prior, n, drawn = self.settings.prior, self.count, DRAWN
@@ -315,7 +316,8 @@ class Dense:
         for number, (late, early) in enumerate(pairwise(constants.PAST_MINUTES)):
             past = by_minute(modes, -60.0 * early, -60.0 * late, n)
             # as the first flux, the less the longer ago, beside what is unknown
-            like_first = np.exp(-0.5 * (late + early) / constants.PAST_HOLDS_MIN) * past
+            share = constants.PAST_SHARE * np.exp(-0.5 * (late + early) / constants.PAST_HOLDS_MIN)
+            like_first = share * past
             free += np.outer(like_first, rows[0])
             known += like_first * constant[0]
             free[:, self.blocks["past"].start + number] += past
