@@ -46,7 +46,7 @@ class Minute:
     >>> minutes = []
     >>> session = fieldkit.record(campaign, duration="8m", name="short", on_minute=minutes.append)
     >>> minutes[-1]
-    <Minute 19:08 UTC: b05 3.2°, b15 11.5°, b25 19.3°; 1023 W/m² direct>
+    <Minute 19:08 UTC: b05 4.7°, b15 14.5°, b25 24.0°; 1023 W/m² direct>
     >>> sorted(minutes[0].temperature_k)
     ['b05', 'b15', 'b25', 'flat']
     """

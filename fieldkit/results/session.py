@@ -174,7 +174,7 @@ class Session(SessionReader):
     Slopes of every region, of every pixel, and those of the recording itself:
 
     >>> session.estimate()["b15"]
-    <b15: tilt 13.8° (10.9 to 28.1), azimuth 188°, wide>
+    <b15: tilt 15.1° (12.0 to 24.2), azimuth 181°, wide>
     >>> session.slope_map("all")
     <MappedSession 20160101T190001Z-noon: 20 min, 100% wide>
     >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())
