@@ -39,7 +39,7 @@ class Minute:
 
     Temperatures per region in kelvin; `dni_w_m2` by `irradiance_model`, `dhi_w_m2` and `longwave_down_w_m2`
     as measured on the horizontal; angles in degrees; NaN where not measured. `events`: clouds, shade, a moved
-    frame, late samples. `learnt`: what the data taught, with the learned model.
+    frame, late samples. `learnt`: the learned model's parameters.
 
     Examples
     --------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from fieldkit.calibration.calibration_record import CalibrationRecord
 from fieldkit.config.load import ignored_keys
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.estimator import Minute
@@ -22,9 +23,10 @@ from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.errors import ConfigError, RefusedError, message_of
 from fieldkit.model.finding import Finding, worst
 from fieldkit.model.installation import DISTRIBUTION
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.model.units import MINUTE_NS
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.phrases import Words
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
@@ -162,16 +164,20 @@ def _compare_estimates(session: SessionReader) -> list[Finding]:
     session_minutes = _minutes(session)
     minutes = session_minutes.minutes()
     computed = {_key(estimate): estimate for minute in minutes for estimate in minute.estimates}
-    shadows = list(horizon_findings(minutes, session.regions, config_for(session).estimator_settings()))
+    config = config_for(session)
+    others = [
+        *horizon_findings(minutes, session.regions, config.estimator_settings()),
+        *emissivity_findings(minutes, session.regions, config.calibrations()),
+    ]
     differing = sum(not _is_same(estimate, computed.get(_key(estimate))) for estimate in stored_estimates)
     if differing:
         text = Words("issue.differing", count=differing, slopes=len(stored_estimates))
         fix = "check for another version of fieldkit, or samples that were lost"
-        return [Finding("warn", "slopes", text, fix), *shadows]
+        return [Finding("warn", "slopes", text, fix), *others]
     same = f"{len(stored_estimates)} slopes come out the same from the stored samples"
     if session_minutes.measured.is_recordings:
         same = f"{len(stored_estimates)} slopes are the recording's own, by this version and these settings"
-    return [Finding("ok", "slopes", same), *shadows]
+    return [Finding("ok", "slopes", same), *others]
 
 
 def _minutes(session: SessionReader) -> SessionMinutes:
@@ -206,6 +212,37 @@ def correct_clock(path: str | Path) -> tuple[TimeStep, ...]:
             return ()
     apply_time_map(path, steps)
     return tuple(steps)
+
+
+# --- temperatures of the beds against those at which their emissivity was measured
+
+BEYOND_K = 5.0
+"""Judged: steady temperatures of a record are as far apart, so it knows no finer what they change."""
+
+
+def emissivity_findings(
+    minutes: Sequence[Minute], regions: Sequence[Region], records: Mapping[str, CalibrationRecord]
+) -> Iterator[Finding]:
+    """A warning for each emissivity, by its key, whose temperatures the beds left by more than 5 K."""
+    beds = [region for region in regions if region.kind in (RegionKind.REFERENCE, RegionKind.TARGET)]
+    for key, record in records.items():
+        span_c = record.details.get("temperature_range_c")
+        if record.kind != "emissivity" or span_c is None:
+            continue
+        names = [
+            region.name
+            for region in beds
+            if key == f"{region.name}.emissivity"
+            or (key == "surface.emissivity" and np.isnan(region.emissivity))
+        ]
+        kelvin = np.array([[minute.temperature_k.get(name, np.nan) for name in names] for minute in minutes])
+        celsius = kelvin[np.isfinite(kelvin)] - CELSIUS_ZERO_K
+        if celsius.size and (celsius.min() < span_c[0] - BEYOND_K or celsius.max() > span_c[1] + BEYOND_K):
+            ends = {"low": span_c[0], "high": span_c[1], "coldest": celsius.min(), "warmest": celsius.max()}
+            shown = {name: f"{value:.0f}" for name, value in ends.items()}
+            text = Words("issue.emissivity_range", record=record.name, **shown)
+            fix = "measure it at these temperatures too: " + Action.CALIBRATE("emissivity")
+            yield Finding("warn", "emissivity", text, fix)
 
 
 # --- shadows of a session against the horizons of its regions

@@ -23,6 +23,7 @@ from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results import sources
 from fieldkit.results.batch import each
+from fieldkit.results.check import emissivity_findings
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.slope_map import slope_map
@@ -195,6 +196,13 @@ def _report_session(
                 budgets=minutes.estimates().budgets,
                 checks=minutes.estimates().checks,
                 calibrations=list(records_of(session.path.name, config.calibration)),
+                active=config.calibrations(),
+                cautions=[
+                    finding.text
+                    for finding in emissivity_findings(
+                        minutes.minutes(), minutes.schedule.latest, config.calibrations()
+                    )
+                ],
             )
             write_report(out, data)
     return out

@@ -129,7 +129,7 @@ function showLine(card) {
   if (finite.length < 2) return card.course.replaceChildren();
   const low = Math.min(...finite), high = Math.max(...finite);
   const words = phrase("regions.course", {
-    quantity: phrase(isTilt ? "slope.tilt" : "plot.temperature"), unit: isTilt ? "°" : temperature.unit,
+    quantity: phrase(isTilt ? "slope.tilt" : "plot.temperature"), unit: isTilt ? "°" : ` ${temperature.unit}`,
     low: number(isTilt ? low : displayed(low), 1), high: number(isTilt ? high : displayed(high), 1), time: duration(60 * values.length),
   });
   card.course.replaceChildren(

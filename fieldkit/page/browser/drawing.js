@@ -150,7 +150,7 @@ async function checkDraft(shrink) {
 }
 
 function showVerdict({ level = "", issues = [], text = issuesText(issues), pixels: count, spread_c: spread, shrink_px: shrink }) {
-  const facts = [count === undefined ? "" : `${number(count)} px`, Number.isFinite(spread) ? phrase("verdict.spread", { kelvin: number(spread, 2) }) : ""];
+  const facts = [count === undefined ? "" : `${number(count)} px`, level === "ok" && Number.isFinite(spread) ? phrase("verdict.spread", { kelvin: number(spread, 2) }) : ""];
   $("verdict").className = level;
   say($("verdict-text"), [...facts, level === "ok" ? phrase("verdict.ok") : text].filter(Boolean).join(", "));
   $("shrink").hidden = !shrink;

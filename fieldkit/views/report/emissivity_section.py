@@ -1,21 +1,28 @@
-"""The emissivities that were found from a session, in its report: value, validity, fit, pairs and budget."""
+"""The emissivities of a session in its report: those that its slopes use, and those found from it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
-from fieldkit.calibration.calibration_record import validity
+from fieldkit.calibration.calibration_record import CalibrationRecord, validity
 from fieldkit.calibration.uncertainty import largest
-from fieldkit.views.html import data_uri
+from fieldkit.views.html import Table, data_uri
 from fieldkit.views.report.series import ReportData
 
 
-def emissivities(data: ReportData) -> Iterator[tuple[str, str, str]]:
-    """Name, words and address of the figure ("" without one) of each emissivity found from the session."""
-    for record, file in data.calibrations:
-        if record.kind == "emissivity":
-            found = f"{record.value:.3f} ± {record.expanded:.3f} (k=2) by {record.method}"
-            limit = f"the largest contribution is {largest(record.budget).name}" if record.budget else ""
-            drawn = file.with_suffix(".svg")
-            figure = data_uri("image/svg+xml", drawn.read_bytes()) if drawn.is_file() else ""
-            yield record.name, f"{found}; {limit}. Holds for {validity(record)}. Record: {file.name}.", figure
+def emissivity_section(data: ReportData) -> Mapping[str, object] | None:
+    """The section as the template shows it: records, cautions, figures of those found; None without any."""
+    active = [(key, record) for key, record in data.active.items() if record.kind == "emissivity"]
+    measured = [(record, file) for record, file in data.calibrations if record.kind == "emissivity"]
+    rows = [_row(record, f"used as {key}") for key, record in active]
+    rows += [_row(record, f"found from this session: {file.name}") for record, file in measured]
+    drawn = [file.with_suffix(".svg") for _, file in measured]
+    columns = ("record", "emissivity (k=2)", "method", "largest contribution", "holds for", "")
+    figures = [data_uri("image/svg+xml", figure.read_bytes()) for figure in drawn if figure.is_file()]
+    return {"records": Table(columns, rows), "cautions": data.cautions, "figures": figures} if rows else None
+
+
+def _row(record: CalibrationRecord, use: str) -> list[object]:
+    value = f"{record.value:.3f} ± {record.expanded:.3f}"
+    limit = largest(record.budget).name if record.budget else ""
+    return [record.name, value, record.method, limit, validity(record), use]

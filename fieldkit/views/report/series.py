@@ -284,7 +284,8 @@ class ReportData:
     each slope by region, with the learned model, `checks` the references as all others show them; `frame` is
     the one to show, `command_line` what was typed.
     `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one;
-    `calibrations` were found from the session, with their files.
+    `calibrations` were found from the session, with their files; `active` are those that its slopes use, by
+    key, `cautions` what speaks against using them.
     """
 
     session: SessionReader
@@ -301,6 +302,8 @@ class ReportData:
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
     checks: tuple[ReferenceCheck, ...] = ()
     calibrations: Sequence[tuple[CalibrationRecord, Path]] = ()
+    active: Mapping[str, CalibrationRecord] = field(default_factory=dict)
+    cautions: Sequence[str] = ()
 
     @cached_property
     def columns(self) -> Series:

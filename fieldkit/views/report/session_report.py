@@ -9,7 +9,7 @@ from fieldkit.views import formatting
 from fieldkit.views.html import render
 from fieldkit.views.report import recording, results
 from fieldkit.views.report.assessment import assess
-from fieldkit.views.report.emissivity_section import emissivities
+from fieldkit.views.report.emissivity_section import emissivity_section
 from fieldkit.views.report.error_budget import error_budget
 from fieldkit.views.report.learnt_section import learnt_section
 from fieldkit.views.report.series import ReportData
@@ -39,7 +39,7 @@ def write_report(path: Path, data: ReportData) -> None:
         time_figures=data.draw(results.time_figures) if data.columns.time_ns.size else None,
         comparison=results.paper_comparison(data),
         budget=error_budget(data),
-        emissivities=list(emissivities(data)),
+        emissivity=emissivity_section(data),
         events=recording.events(data),
         streams=recording.streams(data),
         clock=recording.clock(data),

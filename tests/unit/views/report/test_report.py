@@ -100,6 +100,12 @@ def test_an_emissivity_found_from_the_session_is_shown_with_figure_and_validity(
         assert expected in page.text
 
 
+def test_the_emissivity_that_slopes_use_is_shown_with_what_speaks_against_it(written):
+    page = Page(written(active={"surface.emissivity": SAND}, cautions=["colder <than> it"]))
+    for expected in ("0.915 ± 0.030", "surface.emissivity", "colder <than> it"):
+        assert expected in page.text
+
+
 def test_report_tells_what_where_when_and_how_good(page_text):
     page = Page(page_text)
     for needed in (
