@@ -5,6 +5,7 @@ import json
 import os
 from collections import Counter
 from contextlib import ExitStack, suppress
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,16 @@ from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.marks import Mark
 from fieldkit.model.next_step import Action
-from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
+from fieldkit.model.samples import EventKind, Quality, Reading, Severity
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.recorder import Summary, View
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send
+from fieldkit.results.estimate import estimate
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
@@ -48,20 +52,34 @@ def campaign(session_file):
     return session_file.parents[1]
 
 
-ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "second_tilt_deg", "chi_square")
-
-
 def test_live_and_batch_give_the_same_slopes_each_minute(session_file):
     with open_session(session_file) as session:
         live = session.estimates()
         minutes = replayed_minutes(session, config_for(session))
-    batch = [one for minute in minutes for one in minute.estimates]
-    assert {one.region for one in batch} == {"b05", "b15", "b25"}
-    assert [(one.region, one.state) for one in live] == [(one.region, one.state) for one in batch]
-    for name in ANGLES:
-        expected = [getattr(one, name) for one in batch]
-        np.testing.assert_allclose([getattr(one, name) for one in live], expected, rtol=0, atol=1e-9)
-        assert np.isfinite(expected).any() or name == "second_tilt_deg"
+        learnt = [values_of(learnt) for learnt in session.learnt().values()]
+    replayed = [bed for minute in minutes for bed in minute.estimates]
+    assert {bed.region for bed in live} == {"b05", "b15", "b25"}
+    assert all(bed.model.startswith("learned") for bed in live)
+    for batch in (replayed, list(estimate(session_file))):
+        for key in (minute_of, attrgetter("region"), attrgetter("state"), attrgetter("model")):
+            assert list(map(key, batch)) == list(map(key, live))
+        for name in SLOPE_FIELDS:
+            expected = [getattr(bed, name) for bed in live]
+            np.testing.assert_allclose([getattr(bed, name) for bed in batch], expected, rtol=0, atol=1e-9)
+    assert np.isfinite([bed.tilt_deg for bed in live]).sum() >= 3 * 6
+    assert learnt
+    for one, other in zip(
+        [values_of(minute.learnt) for minute in minutes if minute.learnt], learnt, strict=True
+    ):
+        assert one == pytest.approx(other, rel=1e-9)
+
+
+def minute_of(bed: SlopeEstimate) -> int:
+    return bed.time_ns // 1000
+
+
+def values_of(learnt: Learnt) -> list[float]:
+    return [parameter.value for parameter in learnt.parameters]
 
 
 def test_replay_and_estimate_say_the_same(session_file):
@@ -102,10 +120,11 @@ def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(sessio
 
 def test_another_recording_of_the_same_scene_is_equal_sample_by_sample(campaign, session_file):
     fast = ("--set", "simulation.speed=max", "-q")
-    fieldkit("record", "-C", campaign, "--for", "12m", "--name", "again", *fast)
+    fieldkit("record", "-C", campaign, "--for", "3m", "--name", "again", *fast)
     again = next(campaign.glob("recordings/*again.h5"))
     with open_session(session_file) as first, open_session(again) as second:
-        for one, other in zip(first.samples(), second.samples(), strict=True):
+        assert second.count("lux") > 170
+        for one, other in zip(first.samples(), second.samples(), strict=False):
             assert one.mono_ns == other.mono_ns
             if hasattr(one, "counts"):
                 np.testing.assert_array_equal(one.counts, other.counts)
@@ -184,8 +203,9 @@ def test_views_that_raise_do_not_end_the_recording(campaign):
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == pytest.approx(59, abs=3)
-        (told,) = [event.text for event in session.events() if event.kind is EventKind.VIEW]
-    assert "KeyError('falling')" in told
+        (event,) = [event for event in session.events() if event.kind is EventKind.VIEW]
+    assert event.severity is Severity.WARNING
+    assert "KeyError('falling')" in event.text
     assert views[0].seen == 20
     assert views[1].seen > 120  # two meters each second, and pictures
 
@@ -304,28 +324,3 @@ def test_samples_that_are_not_as_declared_cost_only_themselves(campaign, change,
         (event,) = [event for event in session.events() if event.kind is EventKind.GARBLED]
     assert "'lux'" in event.text
     assert all(word in event.text for word in told)
-
-
-class Noting:
-    """Looks on, and notes something as ``fieldkit mark`` does, at the first second."""
-
-    def __init__(self, session: Path) -> None:
-        self.folder = inbox(session)
-        self.noted = 0
-
-    def show(self, item: object) -> None:
-        if isinstance(item, Health) and self.noted == 0:
-            self.noted += 1
-            send(self.folder, Mark("first"))
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign):
-    path = campaign / "recordings" / "marked.h5"
-    record(campaign, path, 59.0, Noting(path))
-    with open_session(path) as session:
-        marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
-    assert marks == ["first"]
-    assert not journal_path(path).exists()

@@ -42,22 +42,14 @@ def test_a_second_flag_is_reported_and_the_first_not_again():
     assert [len(list(monitor.update(reading(flag)))) for flag in flags] == [1, 1, 0]
 
 
-def test_garbled_records_are_reported_at_most_once_a_minute_with_their_number():
+def test_garbled_records_are_reported_with_their_number_once_a_minute_and_at_the_end():
     monitor = GarbleMonitor()
-    counts = [(0, 0), (3, 1), (5, 2), (9, 62)]  # records, seconds
+    counts = [(0, 0, False), (3, 1, False), (5, 2, False), (9, 62, False), (11, 63, True), (11, 64, True)]
     reported = [
-        [event.data["records"] for event in monitor.update("lux", n, s * S, s * S)] for n, s in counts
+        [event.data["records"] for event in monitor.update("lux", records, s * S, s * S, at_end=at_end)]
+        for records, s, at_end in counts
     ]
-    assert reported == [[], [3], [], [6]]
-
-
-def test_garbled_records_of_the_last_minute_are_reported_at_the_end():
-    monitor = GarbleMonitor()
-    (first,) = monitor.update("lux", 3, 10 * S, 10 * S)
-    assert list(monitor.update("lux", 5, 30 * S, 30 * S)) == []
-    (last,) = monitor.update("lux", 5, 40 * S, 40 * S, at_end=True)
-    assert [first.data["records"], last.data["records"]] == [3, 2]
-    assert list(monitor.update("lux", 5, 41 * S, 41 * S, at_end=True)) == []
+    assert reported == [[], [3], [], [6], [2], []]
 
 
 def test_a_clock_step_and_a_sleep_are_reported_apart():

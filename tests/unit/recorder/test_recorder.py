@@ -14,10 +14,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-import fieldkit
 from fieldkit.cli import main
-from fieldkit.config import FILE_NAME, load_config
-from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.following import RegionFollower
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.samples import Event, EventKind, Severity
@@ -34,8 +32,7 @@ BURSTS_OF_3 = 2
 
 
 @pytest.fixture
-def campaign(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+def campaign(tmp_path):
     folder = tmp_path / "sand"
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
     return folder
@@ -286,23 +283,6 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(campaign, m
         ("begin", Severity.WARNING),
         ("end", Severity.INFO),
     ]  # a busy computer may be late again
-
-
-def test_a_view_that_fails_is_told_and_left_out(campaign):
-    shown: list[Minute] = []
-
-    def show(minute: Minute) -> None:
-        shown.append(minute)
-        raise OSError("gone")
-
-    config = load_config(campaign / FILE_NAME, settings=["simulation.speed=max"])
-    with fieldkit.record(config, duration=LENGTH_S, on_minute=show) as session:
-        counts, events = stored(session.path)
-        assert len(session.minutes()) > 1
-    assert is_whole(counts)
-    (lost,) = [event for event in events if event.kind is EventKind.VIEW]
-    assert (lost.severity, "OSError('gone')" in lost.text) == (Severity.WARNING, True)
-    assert len(shown) == 1
 
 
 def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(campaign, monkeypatch):
