@@ -14,16 +14,14 @@ from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import Outcome, recover
-from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import (
     STREAMS,
-    CountedClock,
     Counters,
     apply_until_killed,
-    fill,
     header,
     kill,
     record_until_killed,
+    recorded,
     recover_until_killed,
     same,
     sample,
@@ -120,10 +118,7 @@ def test_closing_killed_at_any_moment_can_be_finished(tmp_path, trial):
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 60)))
 def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(tmp_path, trial):
     path, counters = tmp_path / "field.h5", tmp_path / "counters"
-    clock = CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 40, clock)
-    writer.close()
+    recorded(path, header((24, 32)), 40)
     process = started(apply_until_killed, path, counters, counters=counters, stage=1)
     time.sleep(random.Random(trial).uniform(0.0, 0.1))  # likewise
     kill(process)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from bisect import bisect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -47,6 +49,15 @@ def small_session(path: Path, license: str = "") -> Path:
     data = {"corrects": 1}
     add_later_events(path, [Event(EventKind.MARK, now, time_ns, "a cloud", "", Severity.INFO, data)])
     return path
+
+
+def change_header(file: h5py.File, change: Callable[[Any], object]) -> None:
+    """Give a session file the header that `change` makes of its own."""
+    plain = json.loads(file["config/header"][()])
+    change(plain)
+    text = json.dumps(plain).encode()
+    del file["config/header"]
+    file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -129,6 +130,24 @@ def recorded(path: Path, head: SessionHeader, frames: int) -> list[Sample]:
     writer = SessionWriter(path, head, clock)
     appended = fill(writer, frames, clock)
     writer.close()
+    return appended
+
+
+def session_of(path: Path, head: SessionHeader, *entries: Any) -> Path:
+    """A sealed session of these samples, events, minutes and comparisons of clocks, in this order."""
+    writer = SessionWriter(path, head, CountedClock())
+    for entry in entries:
+        (writer.append if isinstance(entry, Frame | Reading) else writer.put)(entry)
+    writer.close()
+    return path
+
+
+def interrupted(path: Path, head: SessionHeader, frames: int) -> list[Sample]:
+    """Record so many frames and leave the session to recovery; returns its samples."""
+    clock = CountedClock()
+    writer = SessionWriter(path, head, clock)
+    appended = fill(writer, frames, clock)
+    writer.abandon()
     return appended
 
 

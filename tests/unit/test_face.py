@@ -17,16 +17,13 @@ import fieldkit
 from fieldkit.model.errors import FieldkitError, SessionError
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import header, recorded
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    path, clock = tmp_path_factory.mktemp("made") / "field.h5", CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 10, clock)
-    writer.close()
+    path = tmp_path_factory.mktemp("made") / "field.h5"
+    recorded(path, header((24, 32)), 10)
     return path
 
 

@@ -24,15 +24,10 @@ from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.command_line import document, invoke, succeed
 from tests.harness.command_line import fieldkit as run
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import CountedClock, fill, header, session_of
 from tests.harness.waiting import wait_until
 
 NOON_NS = 1_451_674_800_000_000_000
-
-
-@pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
 
 
 @pytest.fixture
@@ -72,10 +67,7 @@ def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
 
 def stored(folder: Path, event: Event) -> Event:
     """The event as a session gives it back."""
-    writer = SessionWriter(folder / "a.h5", header((24, 32)), CountedClock())
-    writer.put(event)
-    writer.close()
-    with open_session(folder / "a.h5") as session:
+    with open_session(session_of(folder / "a.h5", header((24, 32)), event)) as session:
         return session.events()[0]
 
 

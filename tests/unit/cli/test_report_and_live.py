@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fieldkit.model.errors import ConfigError, SessionError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Argument
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.recording.status import latest_of
 from fieldkit.results import report
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views.screen import THEMES, snapshot
 from tests.harness.command_line import fieldkit, invoke, succeed
 from tests.harness.next_steps import at
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import header, recorded
 from tests.harness.replayed_minutes import replayed_minutes
 
 FAST = ("--set", "simulation.speed=max")
@@ -57,10 +56,7 @@ def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_pro
 
 def without_minutes(path):
     """A session of twenty frames: its report has all pages and no slopes."""
-    clock = CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 20, clock)
-    writer.close()
+    recorded(path, header((24, 32)), 20)
     return path
 
 
@@ -143,12 +139,6 @@ def test_report_that_cannot_be_written_is_a_matter_of_storage(session, tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(StorageError, match="file"):
         invoke("report", session, "-o", tmp_path / "file" / "report.html")
-
-
-def test_report_of_what_is_no_session_explains_itself(tmp_path):
-    (tmp_path / "x.h5").write_text("nothing")
-    with pytest.raises(SessionError, match=r"x\.h5"):
-        invoke("report", tmp_path / "x.h5")
 
 
 def test_picture_of_the_report_is_from_the_middle_and_without_doubts(session):

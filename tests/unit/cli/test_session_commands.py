@@ -20,22 +20,24 @@ from fieldkit.model.samples import Severity
 from fieldkit.recording.requests import inbox, send
 from fieldkit.results.session import open_session
 from fieldkit.results.sources import config_for, source_of
-from fieldkit.sessions.writer import SessionWriter
 from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.foreign_files import surfrad
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import START_NS, CountedClock, fill, header, sample
+from tests.harness.recording import (
+    header,
+    interrupted,
+    recorded,
+    sample,
+    session_of,
+)
 from tests.harness.replayed_minutes import replayed_minutes
 
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
-    for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
-        clock = CountedClock()
-        writer = SessionWriter(folder / name, header((24, 32)), clock)
-        fill(writer, 20, clock)
-        writer.close() if "a.h5" in name else writer.abandon()
+    recorded(folder / "20261211T025512Z-a.h5", header((24, 32)), 20)
+    interrupted(folder / "20261212T025512Z-b.h5", header((24, 32)), 20)
     return folder
 
 
@@ -59,11 +61,8 @@ def test_ls_tells_state_length_and_samples(campaign):
 
 @pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "x" * 300])
 def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path, zone):
-    clock, known = CountedClock(), header((24, 32))
-    unknown = replace(known, site=replace(known.site, timezone=zone))
-    writer = SessionWriter(tmp_path / "a.h5", unknown, clock)
-    fill(writer, 1, clock)
-    writer.close()
+    known = header((24, 32))
+    recorded(tmp_path / "a.h5", replace(known, site=replace(known.site, timezone=zone)), 1)
     assert " UTC " in succeed("ls", tmp_path).stdout.splitlines()[1]
 
 
@@ -165,11 +164,8 @@ def test_a_sealed_session_is_not_offered_to_be_recovered(campaign):
 
 def test_calibration_says_which_samples_it_is_made_without(tmp_path):
     about = header((24, 32))
-    writer = SessionWriter(tmp_path / "board.h5", about, CountedClock())
-    for number in range(40):
-        now = number * 1_000_000_000
-        writer.append(sample(about.streams[0], number, now, START_NS + now))
-    writer.close()
+    frames = (sample(about.streams[0], second, second * 1_000_000_000) for second in range(40))
+    session_of(tmp_path / "board.h5", about, *frames)
     whole = fieldkit("calibrate", "uniformity", tmp_path / "board.h5")
     with h5py.File(tmp_path / "board.h5", "r+") as file:
         file["camera/fpa_temperature"][20] += 1.0

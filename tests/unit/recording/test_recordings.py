@@ -15,9 +15,8 @@ from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
 from fieldkit.recording.recordings import session_path, sessions_in
-from fieldkit.sessions.writer import SessionWriter
 from tests.harness.page import campaign
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import header, recorded
 from tests.harness.waiting import PATIENCE_S
 
 
@@ -26,10 +25,7 @@ def made(tmp_path_factory):
     """A campaign with one sealed session."""
     folder = campaign(tmp_path_factory.mktemp("made") / "field")
     (folder / "recordings").mkdir(exist_ok=True)
-    clock = CountedClock()
-    writer = SessionWriter(folder / "recordings" / "a.h5", header((24, 32)), clock)
-    fill(writer, 5, clock)
-    writer.close()
+    recorded(folder / "recordings" / "a.h5", header((24, 32)), 5)
     return folder
 
 

@@ -1,6 +1,5 @@
 """Minutes from the cache are those of the estimator, field by field, and only of the very same file."""
 
-import json
 import random
 import re
 import shutil
@@ -26,7 +25,10 @@ from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.faults import change_header
 from tests.harness.replayed_minutes import replayed_minutes
+
+pytestmark = pytest.mark.usefixtures("cache_folder")
 
 
 @pytest.fixture
@@ -167,10 +169,7 @@ def with_header(session: Path, change: Callable[[Any], object], path: Path) -> P
     """A copy of a session that has another header."""
     shutil.copy(session, path)
     with h5py.File(path, "r+", libver=LIBVER) as file:
-        header = json.loads(file["config/header"][()])
-        change(header)
-        del file["config/header"]
-        file["config/header"] = np.bytes_(json.dumps(header).encode())
+        change_header(file, change)
     return path
 
 

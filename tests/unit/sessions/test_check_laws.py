@@ -12,8 +12,7 @@ import pytest
 
 from fieldkit.physics.camera_laws import ht301
 from fieldkit.sessions.check import check
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, header, sample
+from tests.harness.recording import header, sample, session_of
 
 HEADER = header((24, 32))
 CAMERA = HEADER.streams[0]
@@ -40,16 +39,14 @@ def warned(path: Path, *cameras: Showing) -> list[str]:
         )
         for number, one in enumerate(cameras)
     )  # fmt: skip
-    clock = CountedClock()
-    writer = SessionWriter(path, replace(HEADER, streams=infos), clock)
-    for seq in range(3):
-        mono_ns = seq * 111_111_111
-        for info, one in zip(infos, cameras, strict=True):
-            frame = sample(info, seq, mono_ns, clock.to_utc_ns(mono_ns))
-            writer.append(
-                frame._replace(counts=np.full(info.shape, one.count, "<u2"), metadata_rows=one.rows)
-            )
-    writer.close()
+    frames = (
+        sample(info, seq, seq * 111_111_111)._replace(
+            counts=np.full(info.shape, one.count, "<u2"), metadata_rows=one.rows
+        )
+        for seq in range(3)
+        for info, one in zip(infos, cameras, strict=True)
+    )
+    session_of(path, replace(HEADER, streams=infos), *frames)
     found = [one for one in check(path) if one.level == "warn"]
     return [" | ".join(one.text for one in found if one.what == info.name) for info in infos]
 

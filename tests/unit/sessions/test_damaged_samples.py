@@ -18,9 +18,8 @@ from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.tables_out import export_csv
 from fieldkit.sessions.reader import SessionReader
-from fieldkit.sessions.writer import SessionWriter
 from tests.harness.next_steps import steps
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import header, recorded
 
 HEADER = header((24, 32))
 FRAMES, DEPTH = 30, 9
@@ -28,22 +27,19 @@ BAD = int(Quality.BAD_CRC)
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+def content(tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "field.h5"
-    clock = CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
-    fill(writer, FRAMES, clock)
-    writer.close()
+    recorded(path, HEADER, FRAMES)
     return path.read_bytes()
 
 
 @pytest.fixture
-def damaged(recorded, tmp_path):
+def damaged(content, tmp_path):
     """The session after one change to its file; see `flip` and `spoil`."""
 
     def opened(*changes: Callable[[Path], None]) -> SessionReader:
         path = tmp_path / "field.h5"
-        path.write_bytes(recorded)
+        path.write_bytes(content)
         for change in changes:
             change(path)
         return open_session(path)

@@ -17,16 +17,13 @@ from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header, sample
+from tests.harness.recording import header, recorded, sample
 
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
-    clock, path = CountedClock(), tmp_path_factory.mktemp("sealed") / "field.h5"
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 12, clock)
-    writer.close()
+    path = tmp_path_factory.mktemp("sealed") / "field.h5"
+    recorded(path, header((24, 32)), 12)
     return path
 
 

@@ -22,8 +22,3 @@ def test_a_stream_cannot_take_the_name_of_a_table(name):
 def test_two_streams_cannot_have_one_name():
     with pytest.raises(ValueError, match="lux, lux"):
         header("lux", "lux")
-
-
-def test_a_header_is_the_same_after_json():
-    made = header("lux", "events2")
-    assert SessionHeader.from_json(made.to_json()).to_json() == made.to_json()

@@ -1,6 +1,5 @@
 """What is no session, or means harm, is refused, with little memory; a session tells its state."""
 
-import json
 import os
 import shutil
 import threading
@@ -33,17 +32,16 @@ from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.faults import change_header
 from tests.harness.learnt import learnt
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import CountedClock, fill, header, sample
+from tests.harness.recording import START_NS, CountedClock, fill, header, recorded, sample, session_of
 
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
-    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 10, clock)
-    writer.close()
+    path = tmp_path_factory.mktemp("sealed") / "field.h5"
+    recorded(path, header((24, 32)), 10)
     return path
 
 
@@ -188,15 +186,10 @@ def test_a_row_that_only_some_columns_have_is_not_read(path):
 
 
 def test_the_window_of_an_estimate_begins_when_it_began(tmp_path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
-    fill(writer, 2, clock)
-    now_ns = clock.to_utc_ns(clock.mono_ns())
-    began_ns = now_ns // 1000 * 1000 - 1_200_000_000_000
-    slope = SlopeEstimate(now_ns, "b05", SlopeState.OK, 5.0, 180.0, window_start_ns=began_ns)
-    writer.put(MinuteRecord(now_ns, (slope,), 800.0, "clear sky"))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
+    head, began_ns = header((24, 32)), START_NS - 1_200_000_000_000
+    slope = SlopeEstimate(START_NS, "b05", SlopeState.OK, 5.0, 180.0, window_start_ns=began_ns)
+    minute = MinuteRecord(START_NS, (slope,), 800.0, "clear sky")
+    with open_session(session_of(tmp_path / "field.h5", head, sample(head.streams[0], 0), minute)) as session:
         assert [one.window_start_ns for one in session.estimates()] == [began_ns]
 
 
@@ -228,13 +221,10 @@ def test_what_was_learnt_comes_back_minute_by_minute(tmp_path, how):
 
 
 def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
-    fill(writer, 2, clock)
+    head = header((24, 32))
     many = replace(learnt(), parameters=learnt().parameters * 2, residual_k={"elsewhere": 1.0})
-    writer.put(MinuteRecord(clock.to_utc_ns(clock.mono_ns()), (), learnt=many))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
+    minute = MinuteRecord(START_NS, (), learnt=many)
+    with open_session(session_of(tmp_path / "field.h5", head, sample(head.streams[0], 0), minute)) as session:
         (found,) = session.learnt().values()
     assert found.parameters == many.parameters[:MAX_LEARNT]
     assert found.residual_k == {}
@@ -312,11 +302,7 @@ def _other_shape(file: h5py.File) -> None:
 
 
 def _huge_picture_declared(file: h5py.File) -> None:
-    plain = json.loads(file["config/header"][()])
-    plain["streams"][0]["shape"] = [10**6, 10**6]
-    text = json.dumps(plain).encode()
-    del file["config/header"]
-    file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+    change_header(file, lambda plain: plain["streams"][0].update(shape=[10**6, 10**6]))
 
 
 def _header_is_no_json(file: h5py.File) -> None:
@@ -326,10 +312,8 @@ def _header_is_no_json(file: h5py.File) -> None:
 
 def _other_session(file: h5py.File) -> str:
     """A whole other session beside this one."""
-    clock, beside = CountedClock(), Path(file.filename).with_name("beside.h5")
-    writer = SessionWriter(beside, header((24, 32)), clock)
-    fill(writer, 10, clock)
-    writer.close()
+    beside = Path(file.filename).with_name("beside.h5")
+    recorded(beside, header((24, 32)), 10)
     return str(beside)
 
 
@@ -432,10 +416,7 @@ def test_session_is_still_being_recorded_while_it_is_sealed(tmp_path, monkeypatc
 
     # the moment between complete and sealed is too short to be hit from outside
     monkeypatch.setattr("fieldkit.sessions.writer.seal", watched)
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
-    fill(writer, 20, clock)
-    writer.close()
+    recorded(tmp_path / "a.h5", header((24, 32)), 20)
     assert seen == ["recording", 20, 20, "warn"]
     with open_session(tmp_path / "a.h5") as session:
         assert session.state == "sealed"
@@ -444,13 +425,9 @@ def test_session_is_still_being_recorded_while_it_is_sealed(tmp_path, monkeypatc
 def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_path):
     """Of a reading only the channel that cannot be is lost; the flag is there on reading."""
     head = header((24, 32))
-    writer = SessionWriter(tmp_path / "a.h5", head, clock := CountedClock())
-    for seq, values in enumerate([(290.0, 291.0, 292.0, 293.0), (290.0, -7725.85, 292.0, 9.9e37)]):
-        now = clock.mono_ns()
-        reading = sample(head.streams[2], seq, now, clock.to_utc_ns(now))
-        writer.append(reading._replace(values=values))
-    writer.close()
-    with open_session(tmp_path / "a.h5") as session:
+    values = [(290.0, 291.0, 292.0, 293.0), (290.0, -7725.85, 292.0, 9.9e37)]
+    stored = (sample(head.streams[2], seq)._replace(values=one) for seq, one in enumerate(values))
+    with open_session(session_of(tmp_path / "a.h5", head, *stored)) as session:
         stored = session.stream("thermometer").column("value")
         readings = session.readings("thermometer")
         again = list(session.samples("thermometer"))
@@ -468,14 +445,9 @@ def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_p
 def test_light_that_the_sun_cannot_give_at_that_height_has_no_value(tmp_path):
     """In Tokyo it is night at 15:06 UTC: BSRN's limit of global light is then 100 W/m2."""
     sun = StreamInfo("sun", "irradiance", "W m-2", (1,), measures=("ghi",), raw_bytes=16)
-    writer = SessionWriter(
-        tmp_path / "a.h5", replace(header((24, 32)), streams=(sun,)), clock := CountedClock()
-    )
-    for seq, value in enumerate([50.0, 800.0]):
-        now = clock.mono_ns()
-        writer.append(sample(sun, seq, now, clock.to_utc_ns(now))._replace(values=(value,)))
-    writer.close()
-    with open_session(tmp_path / "a.h5") as session:
+    readings = (sample(sun, seq)._replace(values=(value,)) for seq, value in enumerate([50.0, 800.0]))
+    path = session_of(tmp_path / "a.h5", replace(header((24, 32)), streams=(sun,)), *readings)
+    with open_session(path) as session:
         assert session.readings("sun").flags.tolist() == [0, int(Quality.IMPLAUSIBLE)]
         (excess,) = session.stream("sun").excesses()
     assert (excess.count, excess.first, excess.value) == (1, 1, 800.0)

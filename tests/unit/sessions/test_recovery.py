@@ -25,7 +25,7 @@ from fieldkit.sessions.sample_fields import STAMPS_BYTES
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness import disk
+from tests.harness import disk, recording
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 from tests.harness.rights import ordinary_rights
 
@@ -192,10 +192,8 @@ def test_block_that_does_not_verify_is_made_again_sample_by_sample(longer, monke
 
 
 def test_marks_that_nobody_took_become_events_within_the_session(tmp_path):
-    path, clock = tmp_path / "a.h5", CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
-    appended = fill(writer, 20, clock)
-    writer.abandon()
+    path = tmp_path / "a.h5"
+    appended = recording.interrupted(path, HEADER, 20)
     early, late = appended[0].time_ns + 1_000_000, appended[-1].time_ns + 10**12
     recover(path, [Event(EventKind.MARK, 0, early, "cloud"), Event(EventKind.MARK, 0, late, "rain")])
     with open_session(path) as session:

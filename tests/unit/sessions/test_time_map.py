@@ -36,7 +36,7 @@ from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.learnt import learnt
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import CountedClock, fill, header, sample
+from tests.harness.recording import CountedClock, header, recorded, sample, session_of
 
 S = 1_000_000_000
 HEADER = replace(
@@ -52,14 +52,11 @@ STEPS = [TimeStep(0, 3600 * S, "stepped"), TimeStep(3 * S, 4260 * S, "slept 660 
 @pytest.fixture(scope="module")
 def corrected(tmp_path_factory):
     """Five pictures a second apart, with a mark from second 2 to second 4 and the health of second 4."""
-    path, clock = tmp_path_factory.mktemp("corrected") / "a.h5", CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
-    for n in range(5):
-        writer.append(sample(CAMERA, n, n * S, clock.to_utc_ns(n * S)))
-    until = {"end_ns": clock.to_utc_ns(4 * S)}
-    writer.put(Event(EventKind.MARK, 2 * S, clock.to_utc_ns(2 * S), "cloud", data=until))
-    writer.put(Health(4 * S, clock.to_utc_ns(4 * S), (), 0, 0, 0.0, 0.0, 0.0))
-    writer.close()
+    utc_ns = CountedClock().to_utc_ns
+    cloud = Event(EventKind.MARK, 2 * S, utc_ns(2 * S), "cloud", data={"end_ns": utc_ns(4 * S)})
+    health = Health(4 * S, utc_ns(4 * S), (), 0, 0, 0.0, 0.0, 0.0)
+    frames = (sample(CAMERA, n, n * S) for n in range(5))
+    path = session_of(tmp_path_factory.mktemp("corrected") / "a.h5", HEADER, *frames, cloud, health)
     apply_time_map(path, STEPS)
     return path
 
@@ -282,10 +279,8 @@ def test_every_export_has_corrected_times(corrected_and_right, kind, tmp_path):
 
 @pytest.mark.parametrize("removed", ["later_events", "time_map"])
 def test_corrections_that_were_removed_again_are_found(tmp_path, removed):
-    path, clock = tmp_path / "a.h5", CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 10, clock)
-    writer.close()
+    path = tmp_path / "a.h5"
+    recorded(path, header((24, 32)), 10)
     add_later_events(path, [Event(EventKind.MARK, 0, 0, "seen later")])
     apply_time_map(path, [TimeStep(0, 10**9, "a test")])
     assert not [finding for finding in check(path) if finding.level == "fail"]

@@ -29,7 +29,7 @@ from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.faults import small_session
+from tests.harness.faults import change_header, small_session
 from tests.harness.recording import CountedClock, fill, header, same
 
 NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)
@@ -50,11 +50,7 @@ def run(module: Any, *words: object) -> Result:
 def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """The header with something else in it, and the session sealed with that."""
     with h5py.File(path, "r+", libver=LIBVER) as file:
-        plain = json.loads(file["config/header"][()])
-        change(plain)
-        text = json.dumps(plain).encode()
-        del file["config/header"]
-        file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+        change_header(file, change)
     with open_session(path) as session:
         checksums = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
     seal(path, checksums, SEALED)
@@ -264,11 +260,7 @@ SHAPES = [
 @pytest.mark.parametrize("change", SHAPES)
 def test_header_of_another_shape_is_a_finding(path, change):
     with h5py.File(path, "r+", libver=LIBVER) as file:
-        plain = json.loads(file["config/header"][()])
-        change(plain)
-        text = json.dumps(plain).encode()
-        del file["config/header"]
-        file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+        change_header(file, change)
     (finding,) = check(path)
     assert (finding.level, finding.what) == ("fail", "file")
     assert finding.fix

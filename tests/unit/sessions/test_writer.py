@@ -1,7 +1,11 @@
 """What goes into a session comes out again, the same, whatever went wrong on the side of the file."""
 
 import dataclasses
+import gc
+import os
 import shutil
+from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 import h5py
@@ -23,8 +27,8 @@ from fieldkit.sessions.records import MinuteRecord, RegionRecord
 from fieldkit.sessions.recovery import Outcome, recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.disk import full_disk
-from tests.harness.next_steps import steps
-from tests.harness.recording import CountedClock, fill, header, same, sample
+from tests.harness.next_steps import at, steps
+from tests.harness.recording import SPAWN, CountedClock, fill, header, interrupted, recorded, same, sample
 from tests.harness.waiting import wait_until
 
 HEADER = header((24, 32))
@@ -255,11 +259,8 @@ def filled_without_its_file(
 
 
 def test_abandoned_session_is_left_for_recovery(tmp_path):
-    clock = CountedClock()
     path = tmp_path / "a.h5"
-    writer = SessionWriter(path, HEADER, clock)
-    appended = fill(writer, 30, clock)
-    writer.abandon()
+    appended = interrupted(path, HEADER, 30)
     with open_session(path) as session:
         assert session.state == "interrupted"
     report = recover(path)
@@ -282,10 +283,7 @@ def test_living_recording_can_be_read_but_not_recovered(tmp_path):
 
 
 def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
-    fill(writer, 8, clock)
-    writer.close()
+    recorded(tmp_path / "a.h5", header((24, 32)), 8)
     with open_session(tmp_path / "a.h5") as session:
         crcs = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
     seal_module.seal(tmp_path / "a.h5", crcs, 1)
@@ -347,3 +345,76 @@ def test_bytes_written_are_those_on_the_disk(tmp_path):
     files = [tmp_path / "a.h5", *journal_path(tmp_path / "a.h5").glob("*.log")]
     assert writer.bytes_written == sum(file.stat().st_size for file in files)
     assert writer.bytes_written - empty < 2000 * 400  # what is planned for before a recording
+
+
+# --- how a session begins: under a name of its own, alone, leaving nothing behind where it cannot
+
+
+def test_session_is_never_written_over(tmp_path):
+    SessionWriter(tmp_path / "a.h5", HEADER, CountedClock()).close()
+    with pytest.raises(RefusedError, match="exists already"):
+        SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+
+
+def begin_at_once(path: Path, barrier: Barrier, begun: Queue) -> None:
+    """Begin a session when the other process does, and record a little."""
+    clock = CountedClock()
+    barrier.wait()
+    try:
+        writer = SessionWriter(path, HEADER, clock)
+    except RefusedError:
+        begun.put(False)
+        barrier.wait()
+        return
+    begun.put(True)
+    barrier.wait()  # the other one has given up
+    fill(writer, 5, clock)
+    writer.close()
+
+
+def test_of_two_that_begin_the_same_session_at_once_one_has_it(tmp_path):
+    barrier, begun = SPAWN.Barrier(2), SPAWN.Queue()
+    for number in range(3):
+        path = tmp_path / f"{number}.h5"
+        pair = [SPAWN.Process(target=begin_at_once, args=(path, barrier, begun)) for _ in range(2)]
+        for process in pair:
+            process.start()
+        for process in pair:
+            process.join(500)
+        assert sorted(begun.get(timeout=60) for _ in pair) == [False, True]
+        with open_session(path) as session:
+            assert (session.state, session.count("camera")) == ("sealed", 5)
+
+
+def test_session_sealed_since_one_looked_is_left_alone(tmp_path, monkeypatch):
+    path, exists = tmp_path / "a.h5", Path.exists
+
+    def look(place: Path) -> bool:
+        there = exists(place)
+        monkeypatch.setattr(Path, "exists", exists)
+        SessionWriter(path, HEADER, CountedClock()).close()
+        return there
+
+    # the other one comes and goes between two looks, which two processes hardly ever do
+    monkeypatch.setattr(Path, "exists", look)
+    with pytest.raises(RefusedError, match="exists already"):
+        SessionWriter(path, HEADER, CountedClock())
+    assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
+    with open_session(path) as session:
+        assert session.state == "sealed"
+
+
+@pytest.mark.parametrize("room", [0, 10_000, 1_000_000])  # for nothing, the journal, all but its reserve
+def test_start_that_fails_leaves_nothing_open_and_nothing_behind(tmp_path, room):
+    with full_disk(room), pytest.raises(StorageError, check=at(tmp_path / "a.h5")):
+        SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    assert not list(tmp_path.iterdir())
+    gc.collect()
+    opened = [os.readlink(item) for item in Path("/proc/self/fd").iterdir() if item.is_symlink()]
+    assert not [name for name in opened if str(tmp_path) in name]
+
+
+def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(StorageError, check=at(tmp_path / "file" / "a.h5")):
+        SessionWriter(tmp_path / "file" / "a.h5", HEADER, CountedClock())

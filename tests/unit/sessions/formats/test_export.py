@@ -23,7 +23,7 @@ from PIL import Image
 
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.next_step import Argument
-from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
+from fieldkit.model.samples import Event, EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import frame_k, ht301
@@ -41,11 +41,10 @@ from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_par
 from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import MinuteRecord
-from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import START_NS, CountedClock, header, picture, recorded, sample
+from tests.harness.recording import START_NS, header, picture, recorded, sample, session_of
 
 TABLES = {"csv": export_csv, "parquet": export_parquet}
 HEADER = header((24, 32))
@@ -56,11 +55,7 @@ PLANCK = {"r1": 16125.788, "b": 1420.1, "f": 1.0, "o": -5588, "r2": 0.0109034}
 
 def sealed_session(path: Path, *entries: Any, **changes: Any) -> SessionReader:
     """A session of these samples, events and minutes; `changes` are to its header."""
-    writer = SessionWriter(path, replace(HEADER, **changes), CountedClock())
-    for entry in entries:
-        (writer.append if isinstance(entry, Frame | Reading) else writer.put)(entry)
-    writer.close()
-    return open_session(path)
+    return open_session(session_of(path, replace(HEADER, **changes), *entries))
 
 
 @pytest.fixture(scope="module")
