@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from hypothesis import HealthCheck, settings
+from platformdirs import user_cache_path
 
 from fieldkit.cli import main
-from tests.harness.once import made_once
+from tests.harness.once import folder_of_run, made_once
 from tests.shared_data import NO_SHARED_DATA
 
 # what hypothesis tries may take as long as a busy computer needs
@@ -45,6 +46,17 @@ def announcements_stay_here() -> Generator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_home(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
+    """Tests neither read nor change the configuration, the kept results and the logs of whoever runs them."""
+    home = folder_of_run(tmp_path_factory) / "home"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MPLCONFIGDIR", str(user_cache_path("matplotlib")))  # its list of fonts takes seconds
+        for name in ("CACHE", "CONFIG", "STATE"):
+            patch.setenv(f"XDG_{name}_HOME", str(home / name.lower()))
+        yield
+
+
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
     """A session of twelve simulated minutes in a campaign of its own, in the folder that is given."""
@@ -59,9 +71,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]
 
 
 def record(folder: Path) -> None:
-    """Without the configuration of whoever runs the tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CONFIG_HOME", str(folder.with_suffix(".home")))
-        for words in (("init", "--simulated"), RECORD):
-            done = CliRunner().invoke(main, [*words, str(folder)])
-            assert done.exit_code == 0, done.output
+    for words in (("init", "--simulated"), RECORD):
+        done = CliRunner().invoke(main, [*words, str(folder)])
+        assert done.exit_code == 0, done.output

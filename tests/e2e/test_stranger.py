@@ -20,7 +20,6 @@ COMMANDS = (
 
 def test_six_commands_lead_from_nothing_to_a_slope_and_its_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     assert len(COMMANDS) <= 6
     done: dict[str, Result] = {}
     for words in COMMANDS:

@@ -37,7 +37,7 @@ def sessions(folder: Path) -> list[Path]:
     return sorted((folder / "recordings").glob("*.h5"))
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache" / "fieldkit" / "estimates"

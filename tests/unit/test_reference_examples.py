@@ -104,7 +104,6 @@ def names(recorded, tmp_path, monkeypatch):
     """What the examples may use, in a copy of the folder that is the current one."""
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("MPLBACKEND", "agg")
     campaign = fieldkit.open_campaign("sandslope", {"simulation.speed": "max"})
     with campaign["noon"] as session:

@@ -37,13 +37,6 @@ def session(folder):
     return path
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 def test_every_text_and_page_names_the_confidence_of_the_session(folder, session, tmp_path):
     report, base = tmp_path / "report.html", tmp_path / "map"
     outputs = {

@@ -15,7 +15,6 @@ from tests.harness.next_steps import at
 
 @pytest.fixture
 def init(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
     return lambda *arguments: succeed("init", *arguments)
 

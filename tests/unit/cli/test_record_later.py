@@ -24,8 +24,7 @@ from tests.unit.recorder.test_fail_safe import Line
 
 
 @pytest.fixture
-def campaign(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+def campaign(tmp_path):
     assert CliRunner().invoke(main, ["init", "--simulated", str(tmp_path / "sand")]).exit_code == 0
     yield tmp_path / "sand"
     run(tmp_path / "sand", "stop")

@@ -17,9 +17,7 @@ from tests.harness.next_steps import at
 
 
 @pytest.fixture
-def roi(tmp_path, monkeypatch):
-    (tmp_path / "home").mkdir()
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+def roi(tmp_path):
     succeed("init", tmp_path)
     file = tmp_path / "fieldkit.toml"
     camera = '\n[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'

@@ -36,9 +36,7 @@ while True:
 
 
 @pytest.fixture
-def campaign(tmp_path, monkeypatch):
-    (tmp_path / "home").mkdir()
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+def campaign(tmp_path):
     folder = tmp_path / "some sand"
     succeed("init", folder)
     return folder

@@ -17,8 +17,7 @@ from tests.harness.next_steps import steps
 
 
 @pytest.fixture
-def session(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def session(tmp_path):
     campaign = tmp_path / "c"
     succeed("init", campaign, "--site=-33.86,151.2,20")
     log = tmp_path / "log.csv"
@@ -63,9 +62,8 @@ def test_the_report_of_several_without_beds_says_that_nothing_was_found(session)
 
 
 @pytest.fixture
-def undrawn(tmp_path, monkeypatch):
+def undrawn(tmp_path):
     """A simulated campaign before anybody has drawn a region."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     folder = tmp_path / "undrawn"
     succeed("init", "--simulated", folder)
     file = folder / "fieldkit.toml"

@@ -17,9 +17,7 @@ SITE = '[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\ntimezone = "Asia/Tok
 
 
 @pytest.fixture
-def config(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
-
+def config(tmp_path):
     def load(text: str = ""):
         file = tmp_path / "fieldkit.toml"
         file.write_text(SITE + text, encoding="utf-8")

@@ -30,8 +30,7 @@ def test_a_new_file_is_short_and_has_the_keys_that_decide():
         assert key in written[table]
 
 
-def test_a_commented_default_is_the_default(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+def test_a_commented_default_is_the_default(tmp_path):
     file = tmp_path / "fieldkit.toml"
     text = campaign_toml({"site": PAPER_SITE})
     file.write_text(text, encoding="utf-8")

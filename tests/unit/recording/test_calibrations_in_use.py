@@ -23,8 +23,7 @@ EQ10 = "eq10 /0.44, diffuse 15%, horizontal"
         ('[estimator]\nmodel = "full"\nscale = "@beds"\n', EQ10, ["of the paper model, not of full"]),
     ],
 )
-def test_a_record_that_does_not_fit_the_configuration_is_a_warning(tmp_path, monkeypatch, table, light, said):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+def test_a_record_that_does_not_fit_the_configuration_is_a_warning(tmp_path, table, light, said):
     details = {"model": "paper", "irradiance": EQ10}
     for record in (
         CalibrationRecord("irradiance", "roof", NOW, 0.0091, 0.0002, "W/m2/lx", "test"),

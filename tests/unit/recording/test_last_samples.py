@@ -38,11 +38,6 @@ from tests.harness.waiting import wait_until
 EVERY_S = 0.02
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
-
-
 @pytest.fixture
 def campaign(tmp_path):
     return fieldkit.init_campaign(tmp_path / "sand", simulated=True)

@@ -16,11 +16,6 @@ from fieldkit.simulation.drawn_field import drawn_field
 from tests.harness.next_steps import at
 
 
-@pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
-
-
 def test_a_session_is_simulated_with_the_beds_that_were_asked_for(tmp_path):
     minutes = []
     with simulate(

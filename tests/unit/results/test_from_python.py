@@ -154,7 +154,9 @@ def test_a_plan_is_a_table_of_times_and_facets():
     assert (frame["kelvin_per_degree"].between(0.0, 1.0)).all()
 
 
-def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions, monkeypatch, tmp_path):
+def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(
+    sessions, monkeypatch, tmp_path, cache_folder
+):
     """Each minute's synthetic one, through workers, cache, tables and files."""
     genuine = minutes_service.solve
 
