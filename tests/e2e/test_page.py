@@ -136,17 +136,6 @@ def the_report(page: Served, url: str, cookie: str) -> Answer:
     return answer
 
 
-def test_a_start_that_fails_says_why(tmp_path):
-    folder = campaign(tmp_path / "field")
-    with served(folder) as page, page.browser() as browser:
-        answer = browser.request(do="start", name="a/b", duration="1m")
-        assert not answer["ok"]
-        assert "slash" in answer["text"]
-        assert not browser.request(do="start", duration="soon")["ok"]
-        assert not browser.request(do="stop", confirm=True)["ok"]
-        assert not browser.request(do="mark", text="x")["ok"]
-
-
 def record(folder: Path, seconds: int) -> subprocess.Popen[str]:
     return program("record", "-C", folder, "--for", f"{seconds}s", "-q", "--set", ALL_FRAMES, **NO_PIPES)
 

@@ -1,6 +1,8 @@
+import errno
 import json
 import logging
 import math
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +15,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import CommandTable, common
 from fieldkit.cli.common import Command
+from fieldkit.model import errors
 
 
 @pytest.fixture
@@ -98,3 +101,100 @@ def test_verbosity_sets_what_is_logged(run, arguments, level):
     levels = []
     run(lambda: levels.append(logging.getLogger().level), *arguments)
     assert levels == [level]
+
+
+# --- what the user sees and the shell gets when a command fails
+
+
+@pytest.fixture
+def fail(run, monkeypatch, tmp_path):
+    """Runs a command that raises what it is given."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+    def go(error: BaseException, *words: str):
+        def command() -> None:
+            raise error
+
+        return run(command, *words)
+
+    return go
+
+
+# exit codes as docs/reference/command-line.md lists them
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.FieldkitError("x"), 1),
+        (errors.ConfigError("x"), 3),
+        (errors.SessionError("x"), 3),
+        (errors.DeviceNotFoundError("x"), 4),
+        (errors.DeviceAccessError("x"), 4),
+        (errors.DeviceTimeoutError("x"), 4),
+        (errors.DeviceLostError("x"), 5),
+        (errors.StorageError("x"), 6),
+        (errors.IntegrityError("x"), 7),
+        (errors.NoAnswerError("x"), 8),
+        (errors.CalibrationError("x"), 8),
+        (errors.RefusedError("x"), 9),
+        (click.UsageError("x"), 2),
+        (KeyboardInterrupt(), 130),
+        (click.Abort(), 130),
+        (RuntimeError("x"), 1),
+    ],
+)
+def test_each_failure_has_its_exit_code(fail, error, code):
+    assert fail(error).exit_code == code
+
+
+def test_an_error_says_what_happened_and_what_to_do(fail):
+    result = fail(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"))
+    assert result.stdout == ""
+    assert result.stderr.splitlines() == ["error: /dev/x: refused", "  fix: first", "       second"]
+
+
+def test_with_json_an_error_is_one_line_of_it(fail):
+    result = fail(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"), "--json")
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert json.loads(result.stderr) == {
+        "schema": 1, "error": "/dev/x: refused", "fix": "first\nsecond", "exit_code": 4,
+    }  # fmt: skip
+
+
+def test_with_json_an_unexpected_error_names_its_log(fail, tmp_path):
+    document = json.loads(fail(RuntimeError("unthinkable"), "--json").stderr)
+    (log,) = (tmp_path / "fieldkit" / "log").glob("*-test.log")
+    assert document["error"].startswith("test: ")
+    assert document["error"].endswith("RuntimeError: unthinkable")
+    assert document["fix"].endswith(str(log))
+    assert document["exit_code"] == 1
+
+
+@pytest.mark.parametrize(
+    "number",
+    [errno.EROFS, errno.EACCES, errno.ESTALE, errno.ENAMETOOLONG, errno.EIO, errno.EDQUOT, errno.ENOTDIR],
+)
+def test_what_a_disk_refuses_is_not_called_a_bug(fail, tmp_path, number):
+    result = fail(OSError(number, os.strerror(number), "/media/stick/x.h5"))
+    assert result.exit_code == 6
+    assert result.stderr.startswith(f"error: /media/stick/x.h5: {os.strerror(number)}\n  fix: ")
+    assert not (tmp_path / "fieldkit").exists()
+
+
+def test_other_errors_of_the_system_are_unexpected(fail):
+    assert fail(ConnectionResetError(errno.ECONNRESET, "reset")).exit_code == 1
+
+
+def test_an_unexpected_error_leaves_a_log_and_names_it(fail, tmp_path):
+    result = fail(RuntimeError("the unthinkable"))
+    (log,) = (tmp_path / "fieldkit" / "log").glob("*-test.log")
+    assert str(log) in result.stderr
+    assert "RuntimeError: the unthinkable" in log.read_text()
+    assert "Traceback" not in result.stderr
+
+
+def test_an_unexpected_error_is_shown_where_no_log_can_be_written(fail, tmp_path):
+    (tmp_path / "fieldkit").write_text("a file where the folder should be")
+    result = fail(RuntimeError("the unthinkable"))
+    assert result.exit_code == 1
+    assert "Traceback" in result.stderr

@@ -99,8 +99,10 @@ def test_a_day_is_not_cut_where_clocks_show_midnight_in_sunlight(place, zone, da
     assert "°" in lines[1]
 
 
-def test_august_says_the_steep_bed_is_weak_after_two():
+def test_august_says_the_steep_bed_is_weak_after_two_and_names_the_twins():
     plan = document(*AUGUST)
+    # mirror image of 20 degrees south in the plane of the sun's motion about noon: 33 degrees, 180
+    assert any("33°/180°" in line for line in plan["warnings"])
     assert any("20°/180°" in line and "after 14:00" in line for line in plan["warnings"])
     assert "weak for 20°/180°" in at(plan, "14:30")["verdict"]
     assert at(plan, "11:30")["verdict"] == "usable"
@@ -157,12 +159,6 @@ def test_the_chart_marks_weakness_on_both_sides_of_zero(tmp_path, monkeypatch):
     run(*AUGUST, "--facet", "35,180", "--out", str(tmp_path / "plan.html"))
     (band,) = drawn[0].axes[0].patches
     assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((-1 / 30, 1 / 30))
-
-
-def test_august_names_the_twins():
-    # mirror image of 20 degrees south in the plane of the sun's motion about noon: 33 degrees, 180
-    plan = document(*AUGUST)
-    assert any("33°/180°" in line for line in plan["warnings"])
 
 
 def test_steep_beds_are_allowed_less_bias():

@@ -6,7 +6,7 @@ import tomllib
 import pytest
 
 from fieldkit.config import ConfigMistakesError
-from fieldkit.config.edit import add_region, change_region, editing, remove_region
+from fieldkit.config.edit import add_region, change_region, editing, remove_region, set_key
 from fieldkit.config.files import key_lines
 from fieldkit.model.errors import ConfigError, StorageError
 from tests.harness.next_steps import at
@@ -182,7 +182,7 @@ def test_a_file_of_other_letters_is_told(file, change):
 
 
 def test_regions_added_at_the_same_time_are_all_there(file):
-    """By processes: those of three terminals, or of a script that does not wait."""
+    """By processes: those of two terminals, or of a script that does not wait."""
     code = (
         "import sys; from pathlib import Path; from fieldkit.config.edit import add_region, editing\n"
         "for n in range(5):\n"
@@ -190,10 +190,10 @@ def test_regions_added_at_the_same_time_are_all_there(file):
         "        corners = [[20, 0], [29, 0], [29, 9]]\n"
         "        add_region(draft, {'name': f'b{sys.argv[2]}-{n}', 'points_px': corners})\n"
     )
-    adding = [subprocess.Popen([sys.executable, "-c", code, str(file), str(n)]) for n in range(3)]
-    assert [process.wait(timeout=120) for process in adding] == [0] * 3
+    adding = [subprocess.Popen([sys.executable, "-c", code, str(file), str(n)]) for n in range(2)]
+    assert [process.wait(timeout=120) for process in adding] == [0] * 2
     names = [region["name"] for region in tomllib.loads(file.read_text())["region"]]
-    assert sorted(names) == sorted(["flat", *(f"b{n}-{m}" for n in range(3) for m in range(5))])
+    assert sorted(names) == sorted(["flat", *(f"b{n}-{m}" for n in range(2) for m in range(5))])
     assert [path.name for path in file.parent.iterdir()] == ["fieldkit.toml"]
 
 
@@ -211,3 +211,44 @@ def test_line_separators_in_comments_and_strings_end_no_line(file, change, separ
     assert after["campaign"] == before["campaign"]
     assert after["surface"] == before["surface"]
     assert key_lines(written)["region", 0, "name"] == written.split("\n").index("[[region]]") + 2
+
+
+# --- a key of a table set in a file whose comments and other lines stay
+
+
+BEFORE = """schema = 1
+# where we are
+[site]
+latitude_deg = 35.5   # by GPS
+longitude_deg = 139.4
+
+# camera
+[camera]
+driver = "purethermal"
+"""
+
+
+SEVERAL_LINES = "horizon = [\n  [0, 1],\n  [90, 20],\n]\n\n# camera"
+
+
+@pytest.mark.parametrize(
+    ("before", "place"),
+    [(BEFORE, "[site]\n"), (BEFORE.replace("\n# camera", SEVERAL_LINES), SEVERAL_LINES.rpartition("\n#")[0])],
+    ids=["below the header", "for a value of several lines"],
+)
+def test_a_key_is_set_in_its_place(tmp_path, before, place):
+    file = tmp_path / "fieldkit.toml"
+    file.write_text(before)
+    with editing(file) as draft:
+        set_key(draft, "site", "horizon", "horizon.csv")
+    header = place if place.startswith("[") else ""
+    assert file.read_text() == before.replace(place, f'{header}horizon = "horizon.csv"\n')
+
+
+def test_a_site_without_a_table_is_left_to_its_owner(tmp_path):
+    file = tmp_path / "fieldkit.toml"
+    text = "schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n"
+    file.write_text(text)
+    with pytest.raises(ConfigError, check=at(file)), editing(file) as draft:
+        set_key(draft, "site", "horizon", "horizon.csv")
+    assert file.read_text() == text

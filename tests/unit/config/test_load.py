@@ -253,9 +253,8 @@ def test_a_sessions_own_configuration_heeds_settings_but_neither_environment_nor
         config_from_text(SITE, Path("x.h5"), settings=["surface.albedo=2"])
 
 
-def test_what_is_wrong_on_the_command_line_is_corrected_there_not_in_the_file(tmp_path):
-    file = tmp_path / "fieldkit.toml"
-    file.write_text("[site]\nlatitude_deg = 35\nlongitude_deg = 139\nelevation_m = 9\n")
+def test_what_is_wrong_on_the_command_line_is_corrected_there_not_in_the_file(campaign):
+    file = campaign(SITE)
     with pytest.raises(ConfigError, match="got 9") as caught:
         load_config(file, settings=["surface.albedo=9"], environment={})
     assert steps(caught.value) == [Argument("settings")]
@@ -271,8 +270,6 @@ def test_what_is_wrong_on_the_command_line_is_corrected_there_not_in_the_file(tm
 @pytest.mark.parametrize(
     ("setting", "meant"), [("albedo=0.3", "surface.albedo"), ("latitude=35", "site.latitude_deg")]
 )
-def test_a_key_without_its_table_is_answered_with_the_whole_one(tmp_path, setting, meant):
-    file = tmp_path / "fieldkit.toml"
-    file.write_text("[site]\nlatitude_deg = 35\nlongitude_deg = 139\nelevation_m = 9\n")
+def test_a_key_without_its_table_is_answered_with_the_whole_one(campaign, setting, meant):
     with pytest.raises(ConfigError, match=rf" {meant}\?"):
-        load_config(file, settings=[setting], environment={})
+        load_config(campaign(SITE), settings=[setting], environment={})
