@@ -14,16 +14,11 @@ from fieldkit.drivers import registry
 from fieldkit.model.samples import Health, Reading, StreamHealth
 from fieldkit.views.latest import Latest
 from fieldkit.views.metrics import metrics
+from tests.harness.seldom import SET_SELDOM
 from tests.unit.views.conftest import frame, make_minute, regions, site, streams  # noqa: F401 - fixtures
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/fieldkit.toml"))
 SIMULATED = [file for file in EXAMPLES if 'port = "simulated"' in file.read_text(encoding="utf-8")]
-
-
-@pytest.fixture(autouse=True)
-def no_user_configuration(tmp_path, monkeypatch):
-    (tmp_path / "home").mkdir()
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.parent.name)
@@ -38,7 +33,8 @@ def test_a_simulated_example_records_and_gives_a_slope_for_every_bed(file, tmp_p
     folder = tmp_path / "campaign"
     shutil.copytree(file.parent, folder, ignore=shutil.ignore_patterns("recordings", "reports"))
     result = CliRunner().invoke(
-        main, ["record", "-C", str(folder), "--for", "12m", "--set", "simulation.speed=max", "--json"]
+        main,
+        ["record", "-C", str(folder), "--for", "12m", "--json", "--set", "simulation.speed=max", *SET_SELDOM],
     )
     assert result.exit_code == 0, result.output
     slopes = {one["region"]: one for one in json.loads(result.stdout)["estimates"]}

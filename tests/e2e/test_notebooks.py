@@ -163,7 +163,7 @@ import fieldkit
 fieldkit.init_campaign("field", simulated=True)
 fast = ["simulation.speed=max", "lux.every_s=4", "thermometer.every_s=4"]
 campaign = fieldkit.open_campaign("field", settings=fast)
-session = fieldkit.record(campaign, duration="12m")
+session = fieldkit.record(campaign, duration="7m")
 """
 
 
@@ -172,4 +172,4 @@ def test_a_cell_that_records_shows_how_far_it_is_and_its_slopes(folder):
     place = {"metadata": {"path": str(folder)}}
     nbclient.NotebookClient(notebook, timeout=500, resources=place).execute()
     (shown,) = [one for one in notebook.cells[0].outputs if one.output_type == "display_data"]
-    assert re.search(r"12 of 12 min   b05 \d+\.\d [^ ]+° \w+   b15 ", shown.data["text/plain"]), shown
+    assert re.search(r"7 of 7 min   b05 \d+\.\d [^ ]+° \w+   b15 ", shown.data["text/plain"]), shown

@@ -1,12 +1,17 @@
-"""Results of ``fieldkit estimate -o`` and what ``fieldkit report`` makes of them again."""
+"""Results of ``fieldkit estimate -o``, what ``fieldkit report`` makes of them again, and reports as PDF."""
 
 import json
+import re
+import sys
+import zlib
 
 import pytest
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.results import result_files
-from tests.harness.command_line import fieldkit, succeed
+from tests.harness import recording
+from tests.harness.command_line import fieldkit, invoke, succeed
+from tests.harness.next_steps import at
 
 
 @pytest.fixture(scope="module")
@@ -14,11 +19,12 @@ def session(recorded, tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("again"))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
+@pytest.fixture(scope="module")
+def without_slopes(tmp_path_factory):
+    """A session of twenty frames: its report has all pages and no slopes."""
+    path = tmp_path_factory.mktemp("short") / "a.h5"
+    recording.recorded(path, recording.header((24, 32)), 20)
+    return path
 
 
 def test_results_of_the_campaigns_configuration_are_reported_with_it(session, tmp_path):
@@ -59,8 +65,8 @@ def test_what_is_no_result_is_called_so(tmp_path, text, said):
         result_files.recall((tmp_path / "bad",), ())
 
 
-def test_the_folder_one_is_in_may_be_reported(session, monkeypatch):
-    monkeypatch.chdir(session.parent)
+def test_the_folder_one_is_in_may_be_reported(without_slopes, monkeypatch):
+    monkeypatch.chdir(without_slopes.parent)
     succeed("report", ".")
 
 
@@ -72,3 +78,42 @@ def test_a_folder_is_no_name_for_results(session, tmp_path, monkeypatch, verb, n
     assert found.exit_code == 2, found.output
     assert f"-o {nameless} " in found.stderr
     assert not list(tmp_path.glob("**/*.csv"))
+
+
+def test_a_report_can_be_a_pdf_with_the_page_beside_it(without_slopes, tmp_path):
+    found = succeed("report", without_slopes, "-o", tmp_path / "day.pdf")
+    assert found.stdout.strip() == str(tmp_path / "day.pdf")
+    printed = (tmp_path / "day.pdf").read_bytes()
+    assert printed.startswith(b"%PDF-")
+    assert printed.rstrip().endswith(b"%%EOF")
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", printed, re.DOTALL)
+    objects = b"".join(zlib.decompressobj().decompress(stream) for stream in streams if stream[:1] == b"x")
+    assert len(re.findall(rb"/MediaBox\s*\[\s*0 0 595\.\d+ 841\.\d+\s*\]", objects)) >= 2  # A4, in points
+    assert (tmp_path / "day.html").exists()
+
+
+def test_without_the_printer_it_is_refused_before_the_work(session, tmp_path, monkeypatch):
+    # as without the extra, which takes an environment of its own
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
+    assert found.exit_code == 3
+    assert "fieldkit-slope[pdf]" in found.stderr
+    assert not (tmp_path / "day.html").exists()
+
+
+def test_results_stand_for_their_sessions_and_parameters(session, tmp_path):
+    settings = ("--set", "surface.albedo=0.31", "--set", "estimator.model=paper")
+    succeed("estimate", session, *settings, "-o", tmp_path / "base")
+    found = fieldkit("report", tmp_path / "base", "-o", tmp_path / "base.html", "--json")
+    assert json.loads(found.stdout)["sessions"] == [str(session)]
+    by_hand = tmp_path / "by-hand.html"
+    succeed("report", session, *settings, "-o", by_hand)
+    assert (tmp_path / "base.html").read_text("utf-8") == by_hand.read_text("utf-8")
+    assert "\nalbedo = 0.31\n" in by_hand.read_text("utf-8")
+
+
+def test_a_sweep_has_no_one_report(session, tmp_path):
+    grid = ("--set", "surface.albedo=0.2,0.3")
+    succeed("sweep", session, *grid, "-j", 1, "-o", tmp_path / "many")
+    with pytest.raises(ConfigError, check=at(tmp_path / "many.json")):
+        invoke("report", tmp_path / "many")
