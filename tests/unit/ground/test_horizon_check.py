@@ -6,10 +6,12 @@ import pytest
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.results.check import horizon_findings
+from fieldkit.results.slope_map import slope_map
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 REGIONS = (Region("flat", RegionKind.REFERENCE, SQUARE), Region("b15", RegionKind.TARGET, SQUARE))
@@ -63,3 +65,12 @@ def test_contradictions_are_named_by_their_minutes(minutes, horizon, expected):
 
 def test_a_shadow_on_all_regions_cannot_be_compared():
     assert list(horizon_findings(hour(0.0, {}), REGIONS, EstimatorSettings(horizon=HORIZON))) == []
+
+
+# --- a map of a session below its horizon
+
+
+def test_minutes_behind_the_horizon_enter_no_map(sessions):
+    assert slope_map(sessions[0], "all", settings=["site.horizon=[[0, 1.0]]"]).minutes > 5
+    with pytest.raises(NoAnswerError, match="window='all'"):
+        slope_map(sessions[0], "all", settings=["site.horizon=[[0, 89.0]]"])

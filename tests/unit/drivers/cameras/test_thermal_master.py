@@ -3,11 +3,16 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras.thermal_master import Assembler, ThermalMaster, command, decode
+from fieldkit.drivers.cameras.thermal_master import Assembler, BulkSource, ThermalMaster, command, decode
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Quality
+from tests.harness.conformance import conforms
+from tests.harness.next_steps import steps
+from tests.harness.usb_bus import Instrument
 
 LENGTH = 2 * 386 * 256
 
@@ -92,3 +97,153 @@ def test_video_member_is_recorded_through_its_source(reel):
     )
     assert camera.read(1.0).quality == Quality.GOOD
     assert camera.run_shutter() is False
+
+
+# --- the bulk reader over real pyusb, against a P3 as nohous/p3-ir-camera and its kin describe it
+
+
+TEXTS = {7: b"P3-000042", 6: b"P3-256X192"}
+
+
+class P3(Instrument):
+    """Streams once it is told to, in transfers of 16 KiB; answers registers and the shutter command."""
+
+    ids = (0x3474, 0x45A2)
+    strings = ("Thermal Master", "P3", "")
+    endpoints = ((0, 0, ()), (1, 0, ()), (1, 1, ((0x81, 2),)))
+
+    def __init__(self, port=2):
+        super().__init__(port)
+        self.streams, self.number, self.lost, self.shutters, self.busy = False, 0, 0, 0, 0
+        self.reply, self.stream, self.gain, self.status = b"", b"", 1, 3
+        self.busy_for, self.refuses = 2, False
+
+    def control(self, kind, request, value, index, data):
+        if (kind, request, index) == (0x40, 0xEE, 1):
+            self.streams = True
+            return b""
+        if (kind, request) == (0x41, 0x20) and len(data) == 18:
+            self.command(data)
+            return b""
+        if (kind, request) == (0xC1, 0x22):
+            self.busy -= 1
+            return b"\1" if self.busy >= 0 else bytes([self.status])
+        if (kind, request) == (0xC1, 0x21) and self.status == 2:
+            self.status = 3
+            return self.reply[:data]
+        return None
+
+    def command(self, data):
+        if self.refuses:  # as a TS2 does
+            self.status = 4
+            return
+        self.busy, self.status = self.busy_for, 3
+        register, length = data[4], struct.unpack_from("<H", data, 12)[0]
+        if data[:3] == b"\x01\x01\x81":
+            self.reply, self.status = TEXTS[register].ljust(length, b"\0"), 2
+        if data == bytes.fromhex("012f81000000000000000000010000004930"):
+            self.reply, self.status = bytes([self.gain]), 2
+        self.shutters += data[:5] == b"\x01\x36\x43\0\0"
+
+    def pending(self, endpoint):
+        if not self.streams:
+            return b""
+        self.stream = self.stream or self.frame()
+        said, self.stream = self.stream[:16_384], self.stream[16_384:]
+        return said
+
+    def frame(self):
+        self.number += 1 + self.lost
+        self.lost = 0
+        rows = np.full((386, 256), 0x8020, "<u2")
+        rows[194:] = 18890 + np.random.default_rng(self.number).integers(-4, 5, (192, 256))
+        begin, end = (
+            struct.pack("<BBIIH", 12, sync + self.number % 2, self.number, 0, 40 * self.number % 2048)
+            for sync in (0x8C, 0x8E)
+        )
+        return begin + rows.tobytes() + end
+
+
+@pytest.fixture
+def camera(usb_bus):
+    camera = P3()
+    usb_bus(camera)
+    return camera
+
+
+def opened(**given):
+    return ThermalMaster().open(DeviceSettings("ir", "thermal-master", **given), HostClock())
+
+
+def test_camera_is_found_and_tells_who_it_is(camera):
+    (found,) = ThermalMaster().find()
+    assert (found.identity, found.port) == ("3474:45a2", "usb:1-2")
+    device = opened(identity=found.identity)
+    assert (device.info.model, device.info.serial_number) == ("P3-256X192", "P3-000042")
+    assert (device.info.shape, device.info.scale) == ((192, 256), 1 / 64)
+    assert device.info.settings["gain"] == "high"
+    device.close()
+    device.close()
+
+
+def test_lost_transfers_are_counted_by_the_cameras_own_counter(camera):
+    device = opened()
+    first = device.read(1.0)
+    camera.lost = 3
+    second, third = device.read(1.0), device.read(1.0)
+    assert (first.counts * device.info.scale).mean() == pytest.approx(295.15, abs=0.1)
+    assert [frame.device_seq - first.device_seq for frame in (second, third)] == [4, 5]
+    assert second.quality & Quality.DROPPED_BEFORE
+    assert not third.quality & Quality.DROPPED_BEFORE
+
+
+def test_shutter_is_run_by_its_command(camera):
+    device = opened()
+    assert device.run_shutter() is True
+    assert camera.shutters == 1
+    assert device.read(1.0).quality & Quality.SHUTTER
+
+
+def test_unplugged_camera_is_lost(camera):
+    device = opened()
+    camera.unplug()
+    with pytest.raises(DeviceLostError, match="is gone"):
+        device.read(1.0)
+
+
+def test_frames_let_go_by_leave_the_stream_alive(camera):
+    device = opened()
+    device.skip_until(HostClock().mono_ns() + 20_000_000)
+    assert device.read(1.0) is not None
+
+
+def test_camera_without_permission_says_what_to_type(camera):
+    camera.forbidden = True
+    with pytest.raises(DeviceAccessError, check=lambda error: Action.UDEV_RULES() in steps(error)):
+        opened()
+
+
+@pytest.mark.parametrize(("reply", "gain"), [(0, "low"), (0x35, "unknown (35)")])
+def test_gain_is_told_as_the_camera_has_it(camera, reply, gain):
+    camera.gain = reply
+    device = opened()
+    assert device.info.settings["gain"] == gain
+
+
+def test_refused_command_says_so_at_once(camera):
+    source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
+    camera.refuses = True
+    with pytest.raises(DeviceError, match="status 4"):
+        source.run_shutter()
+
+
+def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
+    monkeypatch.setattr("fieldkit.drivers.cameras.thermal_master.PATIENCE_S", 0.01)  # a shorter wait
+    source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
+    camera.busy_for = 10**9
+    with pytest.raises(DeviceError, match="stays busy"):
+        source.run_shutter()
+
+
+def test_driver_conforms_on_its_camera(camera):
+    conforms(ThermalMaster(), DeviceSettings("ir", "thermal-master"), camera)
