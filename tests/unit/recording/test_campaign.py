@@ -14,7 +14,6 @@ from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.results.session import open_session
 from fieldkit.results.sources import config_for, qualified_key
-from tests.harness.next_steps import at
 from tests.harness.replayed_minutes import replayed_minutes
 
 
@@ -100,11 +99,9 @@ def test_short_names_of_parameters(name, key):
     assert own in known_keys((table,))
 
 
-def test_ambiguous_and_unknown_names_are_refused(campaign):
+def test_ambiguous_names_and_impossible_values_are_refused(campaign):
     with pytest.raises(ConfigError, match=r"irradiance\.diffuse_fraction"):
         campaign.sessions[0].estimate(diffuse_fraction=0.2)
-    with pytest.raises(ConfigError, check=at("albdo")):
-        campaign.sessions[0].estimate(albdo=0.2)
     with pytest.raises(ConfigError, match=r"albedo=1\.5"):
         campaign.sessions[0].estimate(albedo=1.5)
 
@@ -115,11 +112,6 @@ def test_a_damaged_session_raises_its_own_error(folder, sessions, tmp_path):
     (tmp_path / "recordings" / "torn.h5").write_bytes(sessions[0].read_bytes()[:5000])
     with pytest.raises(SessionError, match=r"(?s)torn\.h5.*recover\("):
         fieldkit.open_campaign(tmp_path).sessions[0]
-
-
-def test_no_campaign_is_told(tmp_path):
-    with pytest.raises(ConfigError, match=r"no fieldkit\.toml"):
-        fieldkit.open_campaign(tmp_path)
 
 
 def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folder, sessions, tmp_path):
