@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
-from functools import cache
 from typing import Any, TypeVar
 
 import h5py
@@ -24,7 +22,7 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import layout
 from fieldkit.sessions.chunks import as_column
-from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, field_names
 
 Table = Mapping[str, AnyArray]
 Row = dict[str, Any]
@@ -181,13 +179,8 @@ def _plain(values: AnyArray) -> list[Any]:
 
 def _entry(kind: type[T], row: Row, /, **values: Any) -> T:
     """An entry from its row, the inverse of `row_of`: the `values`, and the row's for the other fields."""
-    names = _field_names(kind)  # type: ignore[arg-type]  # mypy takes no type[T] for hashable
+    names = field_names(kind)  # type: ignore[arg-type]  # mypy takes no type[T] for hashable
     return kind(**{name: row[name] for name in names if name in row} | values)
-
-
-@cache
-def _field_names(kind: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
 
 
 def events_from(table: Table) -> list[Event]:

@@ -174,7 +174,8 @@ class LogReader:
         self.origin: Origin | None = None
         # a disk that is away for a moment must not pass for damage: what is damaged, recovery leaves out
         self._patience = Patience()
-        self._file = path.open("rb", buffering=_WINDOW)
+        self._file = path.open("rb", buffering=0)
+        self._window, self._window_at = b"", 0
         stat = os.fstat(self._file.fileno())
         self._size, self._inode = stat.st_size, (stat.st_dev, stat.st_ino)
 
@@ -248,12 +249,19 @@ class LogReader:
 
     def _read(self, at: int, size: int) -> bytes:
         """Bytes of the file; none where the disk does not give them, nor a moment later."""
+        first = at - self._window_at
+        if not 0 <= first <= len(self._window) - size:
+            try:
+                self._patience(partial(self._read_window, at, size))
+            except OSError:
+                return b""
+            first = 0
+        return self._window[first : first + size]
 
-        def read() -> bytes:
-            self._file.seek(at)
-            return self._file.read(size)
-
-        try:
-            return self._patience(read)
-        except OSError:
-            return b""
+    def _read_window(self, at: int, size: int) -> None:
+        """Read what begins at a place: from record to record, most stands in the window already."""
+        self._file.seek(at)
+        window = self._file.read(max(size, _WINDOW))
+        while len(window) < size and (more := self._file.read(size - len(window))):
+            window += more  # a disk stops short of a damaged sector, and reports it the next time
+        self._window, self._window_at = window, at

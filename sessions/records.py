@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -55,16 +56,24 @@ _KINDS: Mapping[str, type[Entry]] = {
 _NAMES = {kind: name for name, kind in _KINDS.items()}
 
 
+@cache
+def field_names(kind: type) -> tuple[str, ...]:
+    """The fields of a dataclass, none of another class; an entry is written or read every second."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
+
+
 def encode_entry(entry: Entry) -> tuple[str, str]:
     """Kind and JSON of an entry."""
-    return _NAMES[type(entry)], json.dumps(entry, default=_as_json)
+    return _NAMES[type(entry)], _encode(entry)
 
 
 def _as_json(value: Any) -> Any:
     """A dataclass as its fields by name, anything else that JSON does not know as text."""
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    return str(value)
+    names = field_names(type(value))  # type: ignore[arg-type]  # mypy takes no type[T] for hashable
+    return {name: getattr(value, name) for name in names} if names else str(value)
+
+
+_encode: Callable[[Entry], str] = json.JSONEncoder(default=_as_json).encode
 
 
 def decode_entry(kind: str, body: str) -> Entry:

@@ -71,7 +71,7 @@ def try_wheel(run: Run, wheel: Path, folder: Path) -> None:
     """The demo in a bare environment, its report with the figures of ``[lab]``."""
     run("pip", "install", "--quiet", wheel)
     print(run("fieldkit", "--version"))
-    print(run("fieldkit", "demo", "--fast", "--quiet"))
+    print(run("fieldkit", "demo", "--quiet"))
     (session,) = (folder / "demo/recordings").glob("*.h5")
     run("fieldkit", "check", session)
     run("pip", "install", "--quiet", f"{wheel}[lab]")

@@ -40,7 +40,7 @@ class DemoDay:
     @cached_property
     def demo(self) -> Path:
         """The campaign of ``fieldkit demo``: three hours, and their report."""
-        self.run("demo", "--fast")
+        self.run("demo")
         return self.folder / "demo"
 
     @property

@@ -182,8 +182,10 @@ class DeviceReader:
     def _read(self) -> None:
         if not self._has_begun:
             self._begin()
-        if self._sampling.every_s is not None and isinstance(self._device, Camera):
-            self._read_burst(self._device, round(self._sampling.every_s * SECOND_NS))
+        device, every_s = self._device, self._sampling.every_s
+        # in this order: to check a protocol would take a tenth of a meter's time
+        if every_s is not None and self.info.is_camera and isinstance(device, Camera):
+            self._read_burst(device, round(every_s * SECOND_NS))
         else:
             self._read_one()
 

@@ -92,11 +92,12 @@ def open_instruments(
         opened.callback(_close_all, devices)
         # a simulated clock would stand still while another thread opens the instrument; no cable is simulated
         reopen = open_in_time if clock.is_real else registry.open_device
+        recordings = config.recordings  # asked every second
         yield Instruments(
             devices,
             clock,
             reopen=lambda name: reopen(by_name[name], clock),
-            free_bytes=lambda: space_left(free_bytes(config.recordings)),
+            free_bytes=lambda: space_left(free_bytes(recordings)),
         )
 
 

@@ -129,10 +129,15 @@ def _answer(request: Request | Event, number: str, mono_ns: int, time_ns: int) -
     return replace(event, data={**event.data, "request": number})
 
 
+_UNREADABLE = "check that the disk is accessible, then: " + Action.RECOVER()
+
+
 def _oldest_first(folder: Path) -> list[Path]:
-    fix = "check that the disk is accessible, then: " + Action.RECOVER()
-    with os_errors_as(StorageError, "the marks cannot be read", place=folder, fix=fix):
-        names = os.listdir(folder) if folder.exists() else []
+    with os_errors_as(StorageError, "the marks cannot be read", place=folder, fix=_UNREADABLE):
+        try:
+            names = os.listdir(folder)
+        except FileNotFoundError:
+            return []
         files = [folder / name for name in names if name.endswith(".json")]
         return sorted(files, key=lambda file: file.stat().st_mtime_ns)
 

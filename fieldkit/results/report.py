@@ -26,7 +26,6 @@ from fieldkit.results.batch import each
 from fieldkit.results.check import emissivity_findings
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
-from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, path_of
 from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -270,6 +269,8 @@ def _image(
     """
     if not plotting.available():
         raise ConfigError("an image needs matplotlib", fix=install_extra("lab"))
+    from fieldkit.results.slope_map import slope_map  # maps and their libraries take as long as all others
+
     palette = options.palette or INFERNO
     require_palette(palette)
     frames = list(_shown_frames(session, known))
