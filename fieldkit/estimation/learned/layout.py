@@ -96,7 +96,7 @@ class Layout:
         """Number of the targets whose slope is stated; they come first."""
         return len(self.known) - 1
 
-    @property
+    @cached_property
     def targets(self) -> int:
         """Number of targets."""
         return len(self.facing)
@@ -140,7 +140,7 @@ class Layout:
         """Place of what drives a target's own slow exchange."""
         return self.slow_exchange(self.targets) + target
 
-    @property
+    @cached_property
     def level(self) -> slice:
         """Places of how far the first reference is off level times the gain, along `level_axes`."""
         first = self.slow_exchange_drive(self.targets)
@@ -201,14 +201,14 @@ class Layout:
         level = range(self.level.start, self.level.stop)
         return np.array([self.place("wind"), *self.gain_and_normals, *own, *level], np.int64)
 
-    @property
+    @cached_property
     def smooth(self) -> dict[int, int]:
         """Places of processes without jumps, each with the place of what drives it."""
         shared = {self.place(name): self.place(f"{name}_drive") for name in SMOOTH}
         own = {self.slow_exchange(target): self.slow_exchange_drive(target) for target in range(self.targets)}
         return shared | own
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of places."""
         return self.drying(self.targets)
