@@ -25,7 +25,7 @@ from fieldkit.estimation.learned.bank import JUMP_SDS
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import logged_inputs, minutes_between
 from fieldkit.estimation.learned.layout import GUSTS, Layout
-from fieldkit.estimation.learned.noise import OWN_MINUTES, noise_of
+from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean, processes
 from fieldkit.estimation.learned.surface import SurfaceModel
 from fieldkit.estimation.region_temperatures import remove_offsets
@@ -208,13 +208,14 @@ class _Pair:
 
     def _find_jumps(self) -> None:
         """Add noise where a target or the reference left its prediction: a shadow, as the filters take it."""
+        _, own_minutes = self._processes[self._layout.own(0)]
         for over_k, remainder, at in self._targets:
             effect = self._effect(over_k)
             scatter = self._alone(over_k) + effect @ self._shared_prior @ effect.T
             errors = _whitening(scatter, at) @ remainder[at]
             for jump in at[np.abs(errors) > JUMP_SDS].tolist():
                 # from then on, as the region's own deviations fade
-                fades = np.exp(-self._apart[jump] / OWN_MINUTES) * (np.arange(len(remainder)) >= jump)
+                fades = np.exp(-self._apart[jump] / own_minutes) * (np.arange(len(remainder)) >= jump)
                 self._noise += JUMP_K**2 * np.outer(fades, fades)
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
-from fieldkit.estimation.learned.noise import OWN_MINUTES, Noise
+from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
@@ -150,7 +150,7 @@ def processes(
         spread = unrest * prior.own_slow_exchange * usual * layout.unlike_of(target).exchange
         by_place[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
     for region in range(layout.regions):
-        by_place[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
+        by_place[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), noise.own_minutes)
     return by_place
 
 
