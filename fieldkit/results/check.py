@@ -223,26 +223,20 @@ BEYOND_K = 5.0
 def emissivity_findings(
     minutes: Sequence[Minute], regions: Sequence[Region], records: Mapping[str, CalibrationRecord]
 ) -> Iterator[Finding]:
-    """A warning for each emissivity, by its key, whose temperatures the beds left by more than 5 K."""
-    beds = [region for region in regions if region.kind in (RegionKind.REFERENCE, RegionKind.TARGET)]
-    for key, record in records.items():
-        span_c = record.details.get("temperature_range_c")
-        if record.kind != "emissivity" or span_c is None:
+    """A warning for each bed more than 5 K colder or warmer than its emissivity's record was made at."""
+    for bed in regions:
+        record = records.get("surface.emissivity" if np.isnan(bed.emissivity) else f"{bed.name}.emissivity")
+        span_c = record.details.get("temperature_range_c") if record else None
+        if record is None or span_c is None or bed.kind not in (RegionKind.REFERENCE, RegionKind.TARGET):
             continue
-        names = [
-            region.name
-            for region in beds
-            if key == f"{region.name}.emissivity"
-            or (key == "surface.emissivity" and np.isnan(region.emissivity))
-        ]
-        kelvin = np.array([[minute.temperature_k.get(name, np.nan) for name in names] for minute in minutes])
+        kelvin = np.array([minute.temperature_k.get(bed.name, np.nan) for minute in minutes])
         celsius = kelvin[np.isfinite(kelvin)] - CELSIUS_ZERO_K
         if celsius.size and (celsius.min() < span_c[0] - BEYOND_K or celsius.max() > span_c[1] + BEYOND_K):
             ends = {"low": span_c[0], "high": span_c[1], "coldest": celsius.min(), "warmest": celsius.max()}
             shown = {name: f"{value:.0f}" for name, value in ends.items()}
             text = Words("issue.emissivity_range", record=record.name, **shown)
             fix = "measure it at these temperatures too: " + Action.CALIBRATE("emissivity")
-            yield Finding("warn", "emissivity", text, fix)
+            yield Finding("warn", bed.name, text, fix)
 
 
 # --- shadows of a session against the horizons of its regions

@@ -179,13 +179,15 @@ def _report_session(
             with writing(out):
                 out.write_bytes(image)
             return out
+        records, regions = config.calibrations(), minutes.schedule.latest
+        cautions = emissivity_findings(minutes.minutes(), regions, records)
         with writing(out):
             data = ReportData(
                 session,
                 minutes.minutes(),
                 minutes.settings,
                 minutes.site,
-                minutes.schedule.latest,
+                regions,
                 config.to_toml(),
                 sd=options.sd,
                 frame=middle_frame(session),
@@ -195,13 +197,8 @@ def _report_session(
                 budgets=minutes.estimates().budgets,
                 checks=minutes.estimates().checks,
                 calibrations=list(records_of(session.path.name, config.calibration)),
-                active=config.calibrations(),
-                cautions=[
-                    finding.text
-                    for finding in emissivity_findings(
-                        minutes.minutes(), minutes.schedule.latest, config.calibrations()
-                    )
-                ],
+                active=records,
+                cautions=[f"{caution.what}: {caution.text}" for caution in cautions],
             )
             write_report(out, data)
     return out

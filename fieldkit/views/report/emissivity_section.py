@@ -17,7 +17,7 @@ def emissivity_section(data: ReportData) -> Mapping[str, object] | None:
     rows = [_row(record, f"used as {key}") for key, record in active]
     rows += [_row(record, f"found from this session: {file.name}") for record, file in measured]
     drawn = [file.with_suffix(".svg") for _, file in measured]
-    columns = ("record", "emissivity (k=2)", "method", "largest contribution", "holds for", "")
+    columns = ("holds for", "emissivity (k=2)", "method", "largest contribution", "")
     figures = [data_uri("image/svg+xml", figure.read_bytes()) for figure in drawn if figure.is_file()]
     return {"records": Table(columns, rows), "cautions": data.cautions, "figures": figures} if rows else None
 
@@ -25,4 +25,4 @@ def emissivity_section(data: ReportData) -> Mapping[str, object] | None:
 def _row(record: CalibrationRecord, use: str) -> list[object]:
     value = f"{record.value:.3f} ± {record.expanded:.3f}"
     limit = largest(record.budget).name if record.budget else ""
-    return [record.name, value, record.method, limit, validity(record), use]
+    return [validity(record), value, record.method, limit, use]

@@ -15,6 +15,7 @@ from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.finding import Finding
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.results.check import CORRECT_MARK, check
 from fieldkit.sessions.finished_file import add_later_events, apply_time_map
 from fieldkit.sessions.layout import LATER_EVENTS
@@ -161,7 +162,8 @@ def test_a_mark_that_the_temperatures_contradict_is_named(shaded):
     with fieldkit.open_session(shaded) as session:
         minute = session.start_ns // MINUTE_NS + 4
     (finding,) = [one for one in check(shaded).findings if one.fix == CORRECT_MARK]
-    assert finding == Finding("warn", "b15", str(DoubtfulShade("b15", minute)), CORRECT_MARK)
+    start = DoubtfulShade("b15", minute).start
+    assert finding == Finding("warn", "b15", Words("issue.doubtful_shade", time=start), CORRECT_MARK)
 
 
 def slopes(path: Path, **options: object) -> tuple[list[float], int]:
