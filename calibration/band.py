@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.errors import ConfigError, os_errors_as
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.text_file import read_text
 from fieldkit.physics.camera_laws import Planck, path_transmission
 from fieldkit.physics.constants import SECOND_RADIATION
 from fieldkit.physics.radiance import band_radiance, band_temperature
@@ -97,20 +98,14 @@ class ResponseBand:
 
         Raises `ConfigError`.
         """
-        with os_errors_as(
-            ConfigError, "cannot read the band", place=path, fix="check its path, and who may read it"
-        ):
-            lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).splitlines()
         try:
             text = [line for line in lines if line[:1].isdigit()]
             table = np.array([[float(cell) for cell in line.split(",")[:2]] for line in text])
             return cls(table[:, 0], table[:, 1], f"response {path.name}")
         except (ValueError, IndexError) as error:
-            raise ConfigError(
-                "not a table of wavelength and response",
-                place=path,
-                fix="write two columns: micrometres,response",
-            ) from error
+            problem, fix = "not a table of wavelength and response", "write two columns: micrometres,response"
+            raise ConfigError(problem, place=path, fix=fix) from error
 
     def signal(self, temperature_k: ArrayLike) -> FloatArray:
         """See `Band`; NaN outside 150-500 K."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
@@ -24,8 +23,9 @@ from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, StorageError, os_errors_as
+from fieldkit.model.errors import ConfigError, StorageError, message_of, os_errors_as
 from fieldkit.model.next_step import Argument
+from fieldkit.model.text_file import parse_toml, read_text
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Spread = Annotated[float, Field(allow_inf_nan=False, ge=0)]
@@ -149,11 +149,7 @@ def _as_json(value: Any) -> Any:
 
 def from_toml(text: str, where: str) -> CalibrationRecord:
     """The record in a TOML text; `where` names it in messages. Raises `ConfigError`."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not valid TOML: {error}", place=where) from error
-    return from_document(document, where)
+    return from_document(parse_toml(text, where), where)
 
 
 def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
@@ -174,13 +170,9 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
         # as JSON, whose strict reading takes tables for dataclasses, lists for tuples, but no number for text
         return _form().validate_json(json.dumps(values, default=_as_text), strict=True)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(
-            f"not a calibration record: {key}: {first['msg']}",
-            place=where,
-            fix=f"correct {key} in it, or calibrate again",
-        ) from None
+        problem = message_of(error)
+        fix = f"correct {problem.partition(':')[0]} in it, or calibrate again"
+        raise ConfigError(f"not a calibration record: {problem}", place=where, fix=fix) from None
 
 
 @cache
@@ -251,14 +243,7 @@ def records_of(session: str, folder: Path) -> Iterator[tuple[CalibrationRecord, 
 
 
 def _read(file: Path) -> CalibrationRecord:
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        fix = "check who may read it"
-        raise ConfigError(f"cannot read: {error.strerror}", place=file, fix=fix) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"not UTF-8 text: {error.reason}", place=file, fix="save it as UTF-8") from error
-    return from_toml(text, str(file))
+    return from_toml(read_text(file), str(file))
 
 
 def instrument_of(info: StreamInfo) -> Instrument:

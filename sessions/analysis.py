@@ -75,9 +75,8 @@ def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
     if len(chosen) != 1:
         have = ", ".join(info.name for info in cameras) or "none"
         if stream is not None:
-            raise SessionError(
-                f"{stream!r} is not a camera", place=session.path, fix=f"name one of its cameras: {have}"
-            )
+            name_one = f"name one of its cameras: {have}"
+            raise SessionError(f"{stream!r} is not a camera", place=session.path, fix=name_one)
         fix = Argument("stream") + f" is one of {have}"
         raise SessionError(f"which camera? It has {have}", place=session.path, fix=fix)
     return chosen[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -112,7 +113,7 @@ def row_of(columns: Iterable[layout.Column], entry: object, **values: Any) -> Ro
 def _stored_value(value: Any, column: layout.Column) -> Any:
     if column.is_text and not isinstance(value, bytes):
         return layout.encode_text(str(value), np.dtype(column.dtype).itemsize)
-    return value // 1000 if column.attributes.get("units") == layout.TIME_UNITS else value
+    return value // 1000 if column.is_time else value
 
 
 def fitting_column(values: Sequence[Any], column: layout.Column) -> AnyArray:
@@ -123,7 +124,7 @@ def fitting_column(values: Sequence[Any], column: layout.Column) -> AnyArray:
     kind = np.dtype(column.dtype)
     if kind.kind not in "iu":
         return as_column(values, column)
-    per = 1000 if column.attributes.get("units") == layout.TIME_UNITS else 1  # read as nanoseconds
+    per = 1000 if column.is_time else 1  # read as nanoseconds
     lowest, highest = -(-np.iinfo(kind).min // per), np.iinfo(kind).max // per
     return as_column(np.clip(np.array(values, object), lowest, highest), column)
 
@@ -243,6 +244,20 @@ def estimates_from(table: Table) -> list[SlopeEstimate]:
     ]
 
 
+def minutes_from(
+    table: Table, estimates: Iterable[SlopeEstimate], learnt: Mapping[int, Learnt]
+) -> list[MinuteRecord]:
+    """The minutes of a table of irradiance, with the estimates and what was learnt at each."""
+    slopes = defaultdict(list)
+    for estimate in estimates:
+        slopes[estimate.time_ns].append(estimate)
+    return [
+        MinuteRecord(at, tuple(slopes[at]), row["value"], row["model"], Quality(row["flags"]), learnt.get(at))
+        for row in _rows(table)
+        for at in [row["time_ns"]]
+    ]
+
+
 def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
     """Parameters learnt, by the UTC nanoseconds of each minute that has it."""
     return {row["time_ns"]: _learnt(row, regions) for row in _rows(table)}
@@ -256,11 +271,8 @@ def _learnt(row: Row, regions: tuple[str, ...]) -> Learnt:
         if name
     )
     by_region = {
-        name: {
-            region: value
-            for region, value in zip(regions, row[name], strict=False)  # without regions, one place
-            if not math.isnan(value)
-        }
+        # without regions, one place
+        name: {at: value for at, value in zip(regions, row[name], strict=False) if not math.isnan(value)}
         for name in _BY_REGION
     }
     return Learnt(tuple(parameters), **by_region, chi_square=row["chi_square"])

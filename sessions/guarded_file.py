@@ -51,12 +51,6 @@ def _place(dataset: h5py.Dataset, value: Any) -> tuple[int, bytes]:
     return offset, data.tobytes()
 
 
-def write_new(path: Path, data: bytes) -> None:
-    """Write a new file; raises `FileExistsError` where there is one, `OSError` if the disk fails."""
-    with path.open("xb") as file:
-        file.write(data)
-
-
 class GuardedDisk(io.RawIOBase):
     """A file as the HDF5 library may write it: nothing that it asks for ever fails.
 

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -123,18 +124,14 @@ def _check_stream(info: StreamInfo) -> None:
 def check_room(header: SessionHeader) -> None:
     """Raise `ConfigError` if a file has no room for so many regions."""
     if (count := len(header.region_names)) > MAX_REGIONS:
-        raise ConfigError(
-            f"{count} regions; a session has room for {MAX_REGIONS}",
-            fix="remove some of them, and write it again",
-        )
+        problem = f"{count} regions; a session has room for {MAX_REGIONS}"
+        raise ConfigError(problem, fix="remove some of them, and write it again")
 
 
 def check_region(region: Region) -> None:
     """Raise `ValueError` if the file has no room for this outline."""
-    if not 3 <= len(region.points_px) <= MAX_VERTICES:
-        raise ValueError(
-            f"region {region.name!r} has {len(region.points_px)} corners; 3 to {MAX_VERTICES} fit"
-        )
+    if not 3 <= (count := len(region.points_px)) <= MAX_VERTICES:
+        raise ValueError(f"region {region.name!r} has {count} corners; 3 to {MAX_VERTICES} fit")
 
 
 # --- the tables
@@ -195,6 +192,11 @@ class Column:
         return self.dtype.startswith("S")
 
     @property
+    def is_time(self) -> bool:
+        """True if the column holds moments."""
+        return self.attributes.get("units") == TIME_UNITS
+
+    @property
     def row_bytes(self) -> int:
         """Bytes of one row."""
         return np.dtype(self.dtype).itemsize * math.prod(self.shape)
@@ -207,8 +209,15 @@ class Column:
         return values
 
 
-def _column(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
-    return Column(name, dtype, fill=fill, attributes=attributes)
+def _column(
+    name: str,
+    dtype: str,
+    fill: float | None = None,
+    shape: tuple[int, ...] = (),
+    dims: tuple[str, ...] = (),
+    **attributes: Any,
+) -> Column:
+    return Column(name, dtype, shape, dims, fill, attributes)
 
 
 _TIME = _column(
@@ -273,7 +282,7 @@ def stream_columns(info: StreamInfo) -> list[Column]:
     return [
         *_stamps(info),
         Column("value", "<f8", shape, dims, np.nan, value),
-        Column("raw", "u1", (raw_width(info),), ("byte",), attributes={"long_name": "the bytes as received"}),
+        _column("raw", "u1", None, (raw_width(info),), ("byte",), long_name="the bytes as received"),
         _column("raw_length", "<u2", long_name="how many bytes were received", units="1"),
     ]
 
@@ -363,12 +372,8 @@ LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.typ
 
 
 def _learnt_columns(regions: int) -> list[Column]:
-    def by_parameter(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
-        return Column(name, dtype, (MAX_LEARNT,), ("parameter",), fill, attributes)
-
-    def by_region(name: str, **attributes: Any) -> Column:
-        return Column(name, "<f8", (regions,), ("region",), np.nan, attributes)
-
+    by_parameter = partial(_column, shape=(MAX_LEARNT,), dims=("parameter",))
+    by_region = partial(_column, dtype="<f8", fill=np.nan, shape=(regions,), dims=("region",))
     return [
         by_parameter("name", "S32", long_name="parameter; empty: none"),
         by_parameter("unit", "S32", long_name="unit of the parameter"),
@@ -380,7 +385,8 @@ def _learnt_columns(regions: int) -> list[Column]:
 
 
 def _region_columns() -> list[Column]:
-    about_ground = {"units": "m", "long_name": "corners on the ground in the system of the camera's pose"}
+    on_ground = "corners on the ground in the system of the camera's pose"
+    corners = partial(_column, dtype="<f8", fill=np.nan)
     return [
         _TIME,
         _column("kind", "u1", **meaning_attributes(RegionKind, "what the region is for")),
@@ -388,18 +394,11 @@ def _region_columns() -> list[Column]:
         _column("tilt_deg", "<f8", fill=np.nan, units="degree"),
         _column("azimuth_deg", "<f8", fill=np.nan, units="degree"),
         _column("n_points", "<u2", units="1", long_name="corners that are used"),
-        Column(
-            "points_px",
-            "<f8",
-            (MAX_VERTICES, 2),
-            ("vertex", "xy"),
-            np.nan,
-            {"units": "1", "long_name": "corners"},
-        ),
+        corners("points_px", shape=(MAX_VERTICES, 2), dims=("vertex", "xy"), units="1", long_name="corners"),
         _column("label", "S64", long_name="name of the region"),
         _column("removed", "u1", long_name="1: the region ends here", units="1"),
         _column("camera", "S64", long_name="stream of its camera; empty: the first camera"),
-        Column("points_m", "<f8", (MAX_VERTICES, 3), ("vertex", "enu"), np.nan, about_ground),
+        corners("points_m", shape=(MAX_VERTICES, 3), dims=("vertex", "enu"), units="m", long_name=on_ground),
     ]
 
 
@@ -409,18 +408,12 @@ def _health_columns(streams: int) -> list[Column]:
         "rejected": "invalid records so far", "implausible": "readings beyond their limits so far",
         "late_max_us": "longest delay of a sample in the last second",
     }  # fmt: skip
+    by_stream = partial(_column, dtype="<i8", shape=(max(1, streams),), dims=("stream",))
     return [
         _TIME,
         _MONO,
         *(
-            Column(
-                name,
-                "<i8",
-                (max(1, streams),),
-                ("stream",),
-                None,
-                {"units": "us" if name == "late_max_us" else "1", "long_name": about},
-            )
+            by_stream(name, units="us" if name.endswith("_us") else "1", long_name=about)
             for name, about in counts.items()
         ),
         _column("disk_free_bytes", "<i8", units="byte", long_name="free space of the disk"),

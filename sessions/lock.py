@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from fieldkit.model.errors import RefusedError
@@ -25,7 +25,7 @@ def journal_path(path: Path) -> Path:
     return path.parent / f"{path.name}.journal"  # also of a folder without a name
 
 
-class SessionLock:
+class SessionLock(AbstractContextManager["SessionLock"]):
     """Held by the process that records a session, or that recovers one (`name`).
 
     Raises `RefusedError` if another process has it.
@@ -48,6 +48,9 @@ class SessionLock:
                 f"{folder} is in use by process {owner}", fix="wait until it has ended, or stop it first"
             ) from error
         os.pwrite(self._descriptor, f"{os.getpid()}\n".encode().ljust(OWNER_BYTES), 0)
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
 
     def release(self) -> None:
         """Let others in; a second call does nothing."""

@@ -11,7 +11,7 @@ import contextlib
 import heapq
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import cached_property, partial
@@ -305,11 +305,9 @@ class SessionReader:
         """
         table = self.timed_table("events", recorded=True)
         events = [*entry_rows.events_from(table), *self._later_events()]
-        return (
-            events
-            if recorded
-            else [mapped_event(self.time_map(), event) for event in corrected_events(events)]
-        )
+        if recorded:
+            return events
+        return [mapped_event(self.time_map(), event) for event in corrected_events(events)]
 
     def marks(self) -> dict[int, Event]:
         """The marks by their numbers, as corrected since; those taken back are omitted."""
@@ -396,23 +394,19 @@ class SessionReader:
     def minutes(self, *, recorded: bool = False) -> list[MinuteRecord]:
         """The estimates made while recording, minute by minute."""
         table, learnt = self.timed_table("irradiance", recorded=recorded), self.learnt(recorded=recorded)
-        by_time: dict[int, list[SlopeEstimate]] = {}
-        for estimate in self.estimates(recorded=recorded):
-            by_time.setdefault(estimate.time_ns, []).append(estimate)
-        columns = (table[name].tolist() for name in ("time_ns", "value", "model", "flags"))
-        return [
-            MinuteRecord(
-                time_ns, tuple(by_time.get(time_ns, ())), value, layout.decode_text(model), Quality(flags),
-                learnt.get(time_ns),
-            )
-            for time_ns, value, model, flags in zip(*columns, strict=True)
-        ]  # fmt: skip
+        return entry_rows.minutes_from(table, self.estimates(recorded=recorded), learnt)
 
     def entries(self) -> list[Entry]:
         """Everything but samples, as recorded: regions, events, clock comparisons, health, minutes."""
-        regions, events = self.region_history(recorded=True), self.events(recorded=True)
-        health, minutes = self.health(recorded=True), self.minutes(recorded=True)
-        return [*regions, *events, *self.clock_checks(), *health, *minutes]
+        return [entry for read in self.entry_readers for entry in read()]
+
+    @property
+    def entry_readers(self) -> tuple[Callable[[], Sequence[Entry]], ...]:
+        """What reads the entries of each kind, as recorded."""
+        self.require_open()
+        regions, events = partial(self.region_history, recorded=True), partial(self.events, recorded=True)
+        health, minutes = partial(self.health, recorded=True), partial(self.minutes, recorded=True)
+        return regions, events, self.clock_checks, health, minutes
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
@@ -463,13 +457,10 @@ class SessionReader:
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
         table = self.table(name)
-        units = {column.name: column.attributes.get("units") for column in self._columns[name]}
-        times = (column for column, unit in units.items() if unit == layout.TIME_UNITS)
-        mono_ns = {"time": table.get("mono_ns")}
-        return table | {
-            f"{time}_ns": self._times.utc_ns(table[time], mono_ns.get(time), recorded=recorded)
-            for time in times
-        }
+        for column in [column.name for column in self._columns[name] if column.is_time]:
+            mono_ns = table.get("mono_ns") if column == "time" else None
+            table[f"{column}_ns"] = self._times.utc_ns(table[column], mono_ns, recorded=recorded)
+        return table
 
     def _whole(self, columns: Mapping[str, h5py.Dataset], length: int) -> int:
         """Rows up to the first of which something is not in a file that may have lost its end."""

@@ -125,15 +125,13 @@ def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
         check_version(folder, "1")
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
-    lock = SessionLock(folder, RECOVERY)
-    try:
-        report = _complete(path) or _never_begun(path, folder) or _recover(path, notes)
-    except SessionError:
-        if is_ours:
-            remove_journal(folder)
-        raise
-    finally:
-        lock.release()
+    with SessionLock(folder, RECOVERY):
+        try:
+            report = _complete(path) or _never_begun(path, folder) or _recover(path, notes)
+        except SessionError:
+            if is_ours:
+                remove_journal(folder)
+            raise
     return _put_away(folder, report)
 
 

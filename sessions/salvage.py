@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample
 from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
-from fieldkit.sessions.journal import Chunk, SessionIdentity
+from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, TIME_MAP_COLUMNS, block_rows, chunk_shape, entry_columns
 from fieldkit.sessions.lock import journal_path
@@ -167,9 +166,8 @@ class Salvage:
             is_whole = len(journalled) == written and len(ours) >= len(theirs)
             entries = ours if is_whole else _together(ours, theirs)
             count += len(entries)
-            self._is_import |= any(
-                isinstance(entry, Event) and entry.kind is EventKind.IMPORTED for entry in entries
-            )
+            events = (entry for entry in entries if isinstance(entry, Event))
+            self._is_import |= any(event.kind is EventKind.IMPORTED for event in events)
             yield from entries
         self._file_is_ahead |= count > written
         if (lost := written - count) > 0:
@@ -235,13 +233,7 @@ def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
 
 def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     entries: list[Entry] = []
-    for read in (
-        partial(session.region_history, recorded=True),
-        partial(session.events, recorded=True),
-        session.clock_checks,
-        partial(session.health, recorded=True),
-        partial(session.minutes, recorded=True),
-    ):
+    for read in session.entry_readers:
         try:
             entries.extend(read())
         except _UNREADABLE as error:
@@ -251,9 +243,8 @@ def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
 
 def _lost_rows(session: SessionReader) -> Iterator[tuple[str, int, int]]:
     """Tables with how many rows the file holds, and how many more it claims."""
-    columns_by_table = entry_columns(session.header)
-    for name in session.tables:
-        column = columns_by_table[name][0].name
+    for name, (first, *_) in entry_columns(session.header).items():
+        column = first.name
         try:
             claimed, there = len(session.group(name)[column]), len(session.table(name)[column])
         except _UNREADABLE:
@@ -388,7 +379,7 @@ class LooseChunks:
         for dataset in self._session.stream(self._info.name).frame_datasets:
             if dataset.shape[0] < start + dataset.chunks[0]:
                 return None
-            latest = {(chunk.y, chunk.x): chunk for chunk in self._chunks(dataset.name, start)}
+            latest = {(chunk.y, chunk.x): chunk for chunk in self._journal.chunks(dataset.name, start)}
             for corner in corners(dataset):
                 chunk = latest.get(corner)
                 data = read_chunk(self._path, chunk) if chunk is not None else None
@@ -420,7 +411,8 @@ class LooseChunks:
         shape = self._info.shape
         if name != "counts":  # metadata rows are cut into whole frames
             rows, cols = shape = self._info.metadata_shape
-        chunks = sorted(self._chunks(f"/{self._info.name}/{name}", start), key=attrgetter("offset"))
+        chunks = self._journal.chunks(f"/{self._info.name}/{name}", start)
+        chunks.sort(key=attrgetter("offset"))
         there = [(chunk, data) for chunk in chunks if (data := read_chunk(self._path, chunk)) is not None]
         if DEFLATE_RATIO * sum(len(data) for _, data in there) < 2 * depth * math.prod(shape):
             return None
@@ -430,6 +422,3 @@ class LooseChunks:
             if block[place].shape == (depth, rows, cols):
                 block[place] = unpack(data, (depth, rows, cols))
         return block
-
-    def _chunks(self, dataset: str, start: int) -> list[Chunk]:
-        return self._journal.chunks(dataset, start)

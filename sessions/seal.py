@@ -69,15 +69,13 @@ def _verify(session: SessionReader, stream: str, expected: Iterable[int]) -> int
     reader = session.stream(stream)
     stored = reader.column("crc32")
     if any(crc != other for crc, other in zip_longest(stored, expected)):  # a day has a million
-        raise IntegrityError(
-            f"the {len(stored)} samples of {stream} are not those of the journal", place=session.path
-        )
+        problem = f"the {len(stored)} samples of {stream} are not those of the journal"
+        raise IntegrityError(problem, place=session.path)
     with ThreadPoolExecutor(_THREADS) as pool:  # one reads while the other computes checksums
         bad = list(chain.from_iterable(pool.map(partial(_bad, reader), range(0, len(reader), _BLOCK))))
     if bad:
-        raise IntegrityError(
-            f"{len(bad)} samples of {stream} do not match, first number {bad[0]}", place=session.path
-        )
+        problem = f"{len(bad)} samples of {stream} do not match, first number {bad[0]}"
+        raise IntegrityError(problem, place=session.path)
     return len(stored)
 
 

@@ -24,16 +24,14 @@ from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
 from fieldkit.sessions.entry_rows import EntryRows, fitting_column
 from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
-from fieldkit.sessions.guarded_file import GuardedFile, limit_cache, write_in_place, write_new
+from fieldkit.sessions.guarded_file import GuardedFile, limit_cache, write_in_place
 from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, encode_text, entry_columns, raw_width, stream_columns
 from fieldkit.sessions.records import Entry, Record, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import stamps_of, to_columns
 
-_CACHE_BYTES = (
-    262_144  # twice what the indexes of five streams need; the library's own limit is reached in days
-)
+_CACHE_BYTES = 262_144  # twice what the indexes of five streams need; HDF5's own limit is reached in days
 
 PARTIAL_AFTER_S = 1.3
 """Time that a block may wait for its last frame before it is written as it is."""
@@ -48,7 +46,8 @@ class SessionFile:
 
     def __init__(self, path: Path, identity: SessionIdentity, pool: Executor, *, swmr: bool = True) -> None:
         self.path = path
-        write_new(path, file_image(identity))
+        with path.open("xb") as file:
+            file.write(file_image(identity))
         self._guarded = GuardedFile(path)
         self._file = self._guarded.file
         try:
@@ -321,12 +320,8 @@ class FileThread(threading.Thread):
 
     def _shorten_journal(self) -> None:
         """Delete the oldest parts of a long journal, once the file has their samples on the disk."""
-        full = self._journal.full_parts
-        while (
-            full
-            and (len(full) + 1) * self._journal.part_bytes > JOURNAL_BYTES
-            and full[0][1] <= self._next_id
-        ):
+        full, part_bytes = self._journal.full_parts, self._journal.part_bytes
+        while full and (len(full) + 1) * part_bytes > JOURNAL_BYTES and full[0][1] <= self._next_id:
             self._note(self.file.flush(everything=True))
             self.file.sync()
             self._verify()

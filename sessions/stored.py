@@ -90,25 +90,20 @@ def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: 
     return dataset
 
 
-def _column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
-    """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
-    dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
-    check_size(dataset, salvage=salvage)
-    return dataset
-
-
 def columns_of(
     group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
 ) -> dict[str, h5py.Dataset]:
     """The datasets of columns by their names, without those that the file never had.
 
-    A file of a later minor version may have more of them, one of an earlier version fewer.
+    A file of a later minor version may have more of them, one of an earlier version fewer. None has more rows
+    than it has bytes for (unless torn: `salvage`).
     """
-    return {
-        column.name: _column_dataset(group, column, salvage=salvage)
-        for column in columns
-        if was_made(group, column.name)
-    }
+    datasets: dict[str, h5py.Dataset] = {}
+    for column in columns:
+        if was_made(group, name := column.name):
+            datasets[name] = dataset_of(group, name, column.shape, np.dtype(column.dtype).str[1:])
+            check_size(datasets[name], salvage=salvage)
+    return datasets
 
 
 def was_made(group: h5py.Group, name: str) -> bool:

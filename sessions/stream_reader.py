@@ -266,9 +266,8 @@ class StreamReader:
         values = self._values(columns)
         if recorded or not self.bounds.depend_on_sun:
             return self.bounds.is_exceeded(values)
-        return self.bounds.is_exceeded(
-            values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2]
-        )
+        sun = sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)
+        return self.bounds.is_exceeded(values, sun[:, 2])
 
     def _values(self, columns: Columns) -> FloatArray:
         return columns["value"].reshape(-1, *self.info.shape)

@@ -49,9 +49,8 @@ def is_clean(path: Path) -> bool:
 def refuse_address(path: Path) -> None:
     """Raise `SessionError` for an address in place of a path."""
     if _ADDRESS.match(str(path)) and not path.exists():
-        fix = (
-            "copy it to this computer, or give a file object: fieldkit.open_session(fsspec.open(...).open())"
-        )
+        opened = "fieldkit.open_session(fsspec.open(...).open())"
+        fix = f"copy it to this computer, or give a file object: {opened}"
         raise SessionError("an address, not a path", place=str(path), fix=fix)
 
 

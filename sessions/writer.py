@@ -20,7 +20,6 @@ import os
 import shutil
 import threading
 import uuid
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -32,7 +31,6 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
-from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, check_room, raw_width
@@ -81,43 +79,37 @@ class SessionWriter:
         start, anchor = self._clock.to_utc_ns(start_mono_ns), self._clock.to_utc_ns(0)
         self._identity = SessionIdentity(str(uuid.uuid4()), start, anchor, self.header)
         try:
-            Patience()(self._make_all)
+            Patience()(self._make)
         except FileExistsError as error:
-            raise errors.RefusedError(
-                "exists already", place=self.path, fix="choose a name that is free"
-            ) from error
+            fix = "choose a name that is free"
+            raise errors.RefusedError("exists already", place=self.path, fix=fix) from error
         except (OSError, RuntimeError) as error:
-            raise errors.StorageError(
-                f"cannot be begun: {getattr(error, 'strerror', None) or error}",
-                place=self.path,
-                fix="choose a folder that can be written and has room",
-            ) from error
+            problem = f"cannot be begun: {getattr(error, 'strerror', None) or error}"
+            fix = "choose a folder that can be written and has room"
+            raise errors.StorageError(problem, place=self.path, fix=fix) from error
         self._syncer = SyncThread(self._journal, self._add_error)
         self._file_thread.start()
         self._syncer.start()
 
-    def _make_all(self) -> None:
+    def _make(self) -> None:
+        """Make all that a session needs, or nothing; `FileExistsError` where something is there."""
         with contextlib.ExitStack() as undo:
-            self._make(undo)
+            if self.path.exists():
+                raise FileExistsError(self.path)
+            self._folder.mkdir(parents=True)  # of two that begin at once only one can
+            undo.callback(_remove_begun, self._folder)
+            self._session_lock = SessionLock(self._folder)
+            undo.callback(self._session_lock.release)
+            if self.path.exists():  # the other one has finished in the meantime
+                raise FileExistsError(self.path)
+            undo.callback(_delete, self.path)
+            self._journal = Journal(self._folder, self._identity)
+            undo.callback(self._journal.close)
+            self._file_thread = FileThread(self.path, self._journal, self._identity, self._add_error)
+            undo.callback(self._file_thread.close)
+            _reserve(self._folder)  # last: what is killed before leaves little, and can be recovered
+            sync(self.path.parent)
             undo.pop_all()
-
-    def _make(self, undo: contextlib.ExitStack) -> None:
-        """Make what a session needs, noting how to undo it; `FileExistsError` where something is there."""
-        if self.path.exists():
-            raise FileExistsError(self.path)
-        self._folder.mkdir(parents=True)  # of two that begin at once only one can
-        undo.callback(_remove_begun, self._folder)
-        self._session_lock = SessionLock(self._folder)
-        undo.callback(self._session_lock.release)
-        if self.path.exists():  # the other one has finished in the meantime
-            raise FileExistsError(self.path)
-        undo.callback(_delete, self.path)
-        self._journal = Journal(self._folder, self._identity)
-        undo.callback(self._journal.close)
-        self._file_thread = FileThread(self.path, self._journal, self._identity, self._add_error)
-        undo.callback(self._file_thread.close)
-        _reserve(self._folder)  # last: what is killed before leaves little, and can be recovered
-        sync(self.path.parent)
 
     # --- what comes in
 
@@ -154,16 +146,14 @@ class SessionWriter:
         which the file has no room.
         """
         if isinstance(entry, MinuteRecord):
-            self._check_regions(entry.estimates)
+            if unknown := {estimate.region for estimate in entry.estimates} - self._region_names:
+                names = ", ".join(sorted(unknown))
+                raise ValueError(f"estimates for regions the session does not have: {names}")
         elif isinstance(entry, RegionRecord):
             check_region(entry.region)
             self._region_names.add(entry.region.name)
         with self._lock:
             self._store(entry)
-
-    def _check_regions(self, estimates: Sequence[SlopeEstimate]) -> None:
-        if unknown := {estimate.region for estimate in estimates} - self._region_names:
-            raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
 
     def _store(self, record: Record) -> None:
         if self.is_closed:
@@ -237,9 +227,8 @@ class SessionWriter:
     def _not_sealed(self, error: Exception) -> errors.StorageError:
         text = f"could not be sealed: {errors.message_of(error)}"
         if not self._journal.is_there():
-            return errors.StorageError(
-                text, place=self.path, fix=Action.RECOVER(self.path) + " finishes it from its file"
-            )
+            fix = Action.RECOVER(self.path) + " finishes it from its file"
+            return errors.StorageError(text, place=self.path, fix=fix)
         fix = "see that there is free space, then: " + Action.RECOVER(self.path)
         return errors.StorageError(f"{text}; its journal is kept", place=self.path, fix=fix)
 

@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from fieldkit.drivers import options
 from fieldkit.drivers.connections import is_address
@@ -197,13 +197,8 @@ def load_map(name: str) -> RegisterMap:
     try:
         return _read_map(table)
     except (ValueError, TypeError) as error:
-        if isinstance(error, ValidationError):
-            first = error.errors()[0]
-            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        else:
-            reason = message_of(error)
         fix = "compare with the map rtd-8 that comes with fieldkit"
-        raise ConfigError(reason, place=path, fix=fix) from error
+        raise ConfigError(message_of(error), place=path, fix=fix) from error
 
 
 def _read_map(table: Mapping[str, Any]) -> RegisterMap:

@@ -96,8 +96,7 @@ def record_emissivity(
     with prepare_emissivity(config, sample, options or measurement.MeasurementOptions(), notify) as prepared:
         view = prepared.view(on_minute, stopping.set)
         recording = prepared.recording.run([view], stopping=stopping)
-    if recording.summary.failure is not None:
-        raise recording.summary.failure
+    recording.raise_failure()
     return recording
 
 
@@ -122,9 +121,8 @@ class PreparedMeasurement:
 
     def view(self, on_minute: Callable[[str], None], stop: Callable[[], None]) -> SteadyView:
         """A view of the recording that reports every minute, and calls `stop` when there is enough."""
-        span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
         collector, config = measurement.ReadingCollector(self.setup), self.recording.config
-        return SteadyView(collector, config, on_minute, self._report, stop, span_k)
+        return SteadyView(collector, config, on_minute, self._report, stop)
 
     def _report(self, text: str, progress: Mapping[str, Any]) -> None:
         """Pass an event to the recording: session and field page show it."""
@@ -163,7 +161,6 @@ class SteadyView:
     on_minute: Callable[[str], None]
     on_progress: Callable[[str, Mapping[str, Any]], None]
     stop: Callable[[], None]
-    wanted_span_k: float = 0.0
     _stage: tuple[object, ...] = ()
 
     def show(self, item: Shown) -> None:
@@ -201,7 +198,7 @@ class SteadyView:
         if stage != self._stage:
             self._stage = stage
             self.on_progress("; ".join((progress, *lines)), values)
-        if count >= wanted and span_k >= self.wanted_span_k:
+        if count >= wanted and span_k >= (MIN_SPAN_K if setup.is_reflected_fitted else 0.0):
             self.stop()
 
 

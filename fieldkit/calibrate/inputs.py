@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.config import Config
-from fieldkit.config.files import read_text
 from fieldkit.disk import replacing
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
@@ -19,6 +18,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.model.text_file import read_text
 from fieldkit.results.result_files import writing
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, notify_damage, reading
 from fieldkit.sessions import analysis

@@ -122,8 +122,7 @@ def _record(sample: str, options: MeasurementOptions, settings: tuple[str, ...])
         # SIGTERM ends it as fieldkit stop does: the recorder seals the session
         view = prepared.view(common.say, partial(signal.raise_signal, signal.SIGTERM))
         recording = run_until_stopped(prepared.recording.starting_now(), [view])
-    if recording.summary.failure is not None:
-        raise recording.summary.failure
+    recording.raise_failure()
     common.say(f"recorded {recording.path}")
     return recording.path
 

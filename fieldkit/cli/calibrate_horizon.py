@@ -59,8 +59,7 @@ def command(
         )
     write_horizon(out, skyline_horizon)
     highest = max(skyline_horizon, key=lambda pair: pair[1])
-    if common.options().json:
-        common.print_json({"file": str(out), "horizon": skyline_horizon})
+    if common.print_if_json({"file": str(out), "horizon": skyline_horizon}):
         return
     click.echo(f"highest {highest[1]:.1f}° at azimuth {highest[0]:.0f}°")
     click.echo(f"wrote {out}")
@@ -73,8 +72,7 @@ def _write_horizons_of_regions() -> None:
     config = common.campaign()
     horizons = horizons_of_regions(config)
     files = set_horizons(config.path, horizons)
-    if common.options().json:
-        common.print_json({"files": list(map(str, files)), "horizons": horizons})
+    if common.print_if_json({"files": list(map(str, files)), "horizons": horizons}):
         return
     for (name, horizon), path in zip(horizons.items(), files, strict=True):
         azimuth, elevation = max(horizon, key=lambda pair: pair[1])

@@ -47,9 +47,8 @@ def command(
     camera_pose = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
     camera_pose.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
     residuals = [float(residual) for residual in camera_pose.fit.residuals_px]
-    if common.options().json:
-        fit = {"pose": camera_pose.values, "sd": camera_pose.fit.sd, "residuals_px": residuals}
-        common.print_json({"file": str(out), **fit})
+    fit = {"pose": camera_pose.values, "sd": camera_pose.fit.sd, "residuals_px": residuals}
+    if common.print_if_json({"file": str(out), **fit}):
         return
     rows = [
         (name, number(value, 3), number(camera_pose.fit.sd[name], 3))

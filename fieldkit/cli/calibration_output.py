@@ -21,8 +21,7 @@ def save_and_print(calibration: Calibration, used_by: str = "") -> None:
     from fieldkit.calibration.calibration_record import as_document
 
     path, record = calibration.save(), calibration.record
-    if common.options().json:
-        common.print_json({"record": str(path), **as_document(record)})
+    if common.print_if_json({"record": str(path), **as_document(record)}):
         return
     click.echo(calibration.summary)
     if record.budget:

@@ -223,6 +223,13 @@ def print_json(document: Mapping[str, Any], *, on_one_line: bool = False) -> Non
     click.echo(json_text(document, None if on_one_line else 2))
 
 
+def print_if_json(document: Mapping[str, Any], *, on_one_line: bool = False) -> bool:
+    """Print a JSON document if ``--json`` asks for it; True if it does."""
+    if options().json:
+        print_json(document, on_one_line=on_one_line)
+    return options().json
+
+
 def json_text(document: Mapping[str, Any], indent: int | None = None) -> str:
     """A JSON document, without an indent on one line; NaN becomes null."""
     from fieldkit.results.json_document import to_json

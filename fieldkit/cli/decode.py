@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_table
+from fieldkit.cli.common import Command, print_if_json, print_table
 from fieldkit.cli.types import KEY_VALUE
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -48,9 +48,7 @@ def command(
     if register_map is not None:
         driver_options["map"] = register_map
     decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), driver_options)
-    if options().json:
-        print_json(as_document(decoded))
-    else:
+    if not print_if_json(as_document(decoded)):
         _print(decoded)
 
 

@@ -69,11 +69,10 @@ def _conclude(
 
     slopes, columns = final_estimates(estimates_of(minutes), regions), series(minutes, regions)
     error_deg = mean_error(columns)
-    if common.options().json:
-        by_name = {region.name: region for region in regions}
-        documents = [as_document(slope, by_name[name]) for name, slope in slopes.items()]
-        files = {"session": str(path), "report": str(report)}
-        common.print_json({**files, "slopes": documents, "mean_tilt_error_deg": error_deg})
+    by_name = {region.name: region for region in regions}
+    documents = [as_document(slope, by_name[name]) for name, slope in slopes.items()]
+    files = {"session": str(path), "report": str(report)}
+    if common.print_if_json({**files, "slopes": documents, "mean_tilt_error_deg": error_deg}):
         return
     common.say(f"done in {took_s:.0f} s")
     learnt = minutes[-1].learnt if minutes else None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign_file, is_interactive, options, print_json, print_table, say
+from fieldkit.cli.common import Command, campaign_file, is_interactive, print_if_json, print_table, say
 from fieldkit.cli.next_steps import in_commands
 from fieldkit.cli.types import INSTRUMENT
 
@@ -61,14 +61,13 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]], addresses: tupl
     from fieldkit.recording.opening import together
 
     additions = add_devices(file, stated, _answer if is_interactive() else Question.accept, addresses)
-    if options().json:
-        failures = [
-            {"message": in_commands(failure.explanation), "fix": in_commands(failure.fix or "") or None}
-            for failure in additions.failures
-        ]
-        added, skipped = list(map(asdict, additions.added)), list(map(_row, additions.skipped))
-        lists = {"added": added, "skipped": skipped, "failures": failures}
-        print_json({"config": str(file), "configured": additions.configured, **lists})
+    failures = [
+        {"message": in_commands(failure.explanation), "fix": in_commands(failure.fix or "") or None}
+        for failure in additions.failures
+    ]
+    added, skipped = list(map(asdict, additions.added)), list(map(_row, additions.skipped))
+    lists = {"added": added, "skipped": skipped, "failures": failures}
+    print_if_json({"config": str(file), "configured": additions.configured, **lists})
     _report(file, additions)
     if additions.failures:
         raise together(additions.failures)
@@ -101,9 +100,8 @@ def _list() -> None:
 
     devices, problems = discover()
     drivers, _ = registry.load_all()
-    if options().json:
-        driver_rows = [attributes(driver, "name", "title", "quantity") for driver in drivers]
-        print_json({"devices": list(map(_row, devices)), "drivers": driver_rows, "problems": problems})
+    driver_rows = [attributes(driver, "name", "title", "quantity") for driver in drivers]
+    if print_if_json({"devices": list(map(_row, devices)), "drivers": driver_rows, "problems": problems}):
         return
     if devices:
         rows = [

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, working_folder
+from fieldkit.cli.common import Command, print_if_json, working_folder
 from fieldkit.cli.next_steps import finding_in_commands
 from fieldkit.model.errors import DeviceError
 
@@ -31,9 +31,7 @@ def command(ctx: click.Context, udev: bool) -> None:
         click.echo(udev_rules(folder), nl=False)
         return
     checks = list(map(finding_in_commands, doctor(folder)))
-    if options().json:
-        print_json({"checks": [asdict(check) for check in checks]})
-    else:
+    if not print_if_json({"checks": [asdict(check) for check in checks]}):
         for check in checks:
             click.echo(f"{check.level:<5} {check.what}: {check.text}")
             if check.fix:

@@ -149,9 +149,8 @@ def _estimate_together(
         )
     if base is not None:
         common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
-    if common.options().json:
-        common.print_json({"together": list(map(str, estimates.sessions)), **slopes_document(estimates)})
-    else:
+    document = {"together": list(map(str, estimates.sessions)), **slopes_document(estimates)}
+    if not common.print_if_json(document):
         print_slopes(estimates.final, estimates.regions, estimates.learnt.final, estimates.checks)
         explain_slopes(estimates.final.values())
         command = "report {}" if base else "estimate {} --together -o BASE"
@@ -169,10 +168,8 @@ def _estimate_tables(
     slopes = estimate_tables(
         paths, site, settings=settings, reference_slope_deg=reference, notify=common.say_warning
     )
-    if common.options().json:
-        head = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
-        common.print_json({**head, "slopes": [as_document(slope) for slope in slopes]})
-    else:
+    head = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
+    if not common.print_if_json({**head, "slopes": [as_document(slope) for slope in slopes]}):
         targets = [Region(slope.region, RegionKind.TARGET, ()) for slope in slopes]
         print_slopes({slope.region: slope for slope in slopes}, targets)
         explain_slopes(slopes)
@@ -180,8 +177,7 @@ def _estimate_tables(
 
 
 def _print_comparison(comparison: Comparison) -> None:
-    if common.options().json:
-        common.print_json(comparison.document())
+    if common.print_if_json(comparison.document()):
         return
     columns = ("session", "region", "other °", "tilt °", "moved °", "half-widths", "azimuth moved °", "state")
     common.print_table(columns, map(_move_row, comparison.moves))
@@ -203,12 +199,11 @@ def _move_row(move: Move) -> tuple[str, ...]:
 def _print(sessions: EstimatedSessions) -> None:
     from fieldkit.results.estimate import slopes_document
 
-    if common.options().json:
-        documents = [
-            {"session": str(sessions.paths[name]), **slopes_document(slopes)}
-            for name, slopes in sessions.estimates.items()
-        ]
-        common.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
+    documents = [
+        {"session": str(sessions.paths[name]), **slopes_document(slopes)}
+        for name, slopes in sessions.estimates.items()
+    ]
+    if common.print_if_json(documents[0] if len(documents) == 1 else {"sessions": documents}):
         return
     for name, estimates in sessions.estimates.items():
         if len(sessions.estimates) > 1:

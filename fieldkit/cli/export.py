@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, is_interactive, options, print_json, progress
+from fieldkit.cli.common import Command, is_interactive, print_if_json, progress
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import PATH, default_option, parse_speed
 from fieldkit.model.errors import IntegrityError
@@ -60,9 +60,8 @@ def command(session: Path | None, to: str, speed: str, **options: Any) -> None:
 
 
 def _print(session: Path, exported: Export) -> None:
-    if options().json:
-        files = [str(file) for file in exported.files]
-        print_json({"session": str(session), "files": files, "problems": list(exported.problems)})
+    files = [str(file) for file in exported.files]
+    if print_if_json({"session": str(session), "files": files, "problems": list(exported.problems)}):
         return
     for file in exported.files[:MOST_NAMES]:
         click.echo(file)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, say, working_folder
+from fieldkit.cli.common import Command, print_if_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, STREAM_NAME, ZONE
 from fieldkit.model.samples import Severity
@@ -101,9 +101,8 @@ def command(source: Path, out: Path | None, into: Path | None, **stated: Any) ->
 
 
 def _print(session: ImportedSession) -> None:
-    if options().json:
-        notes = [text for _, text in session.notes]
-        print_json({"session": str(session.path), "samples": session.samples, "remarks": notes})
+    notes = [text for _, text in session.notes]
+    if print_if_json({"session": str(session.path), "samples": session.samples, "remarks": notes}):
         return
     for severity, text in session.notes:
         say(f"  {'warning: ' if severity is Severity.WARNING else ''}{text}")

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Command, is_interactive, options, print_json, say
+from fieldkit.cli.common import Command, is_interactive, options, print_if_json, say
 from fieldkit.cli.devices import add_connected
 from fieldkit.cli.types import PATH, SITE
 from fieldkit.model.site import Site, zone_by_longitude
@@ -54,8 +54,7 @@ def command(
     place = (site.latitude_deg, site.longitude_deg, site.elevation_m) if site else None
     campaign = init_campaign(folder, place, timezone=timezone, simulated=simulated, tables=tables)
     file = campaign.config.path
-    if options().json:
-        print_json({"campaign": str(folder), "config": str(file)})
+    print_if_json({"campaign": str(folder), "config": str(file)})
     say(f"new campaign in {folder}; its configuration is {file}")
     if not simulated:
         _report_site_defaults(site, timezone)

@@ -10,7 +10,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, say, say_warning
 from fieldkit.cli.session_paths import recordings_folder
-from fieldkit.recording.recordings import sessions_in
+from fieldkit.recording.recordings import recordings_in, sessions_in
 
 _SHOWN = ("session", "region", "tilt_deg", "tilt_low_deg", "tilt_high_deg", "state", "true_tilt_deg", "start")
 
@@ -31,9 +31,7 @@ def command(folder: Path | None, where: str | None, since: str | None) -> None:
     """
     from fieldkit.recording.catalogue import catalogue_of
 
-    folder = folder or recordings_folder()
-    if (folder / "recordings").is_dir():
-        folder = folder / "recordings"
+    folder = recordings_in(folder or recordings_folder())
     listed = catalogue_of(folder, sessions_in(folder, say_warning), jobs=os.cpu_count() or 1)
     listed = listed.since(since) if since else listed
     listed = listed.where(where) if where else listed

@@ -136,9 +136,7 @@ def _map(
     for note in session_map.notes:
         common.say(note)
     _say_earlier(base, files)
-    if common.options().json:
-        common.print_json(_document(path, session_map, files), on_one_line=on_one_line)
-    else:
+    if not common.print_if_json(_document(path, session_map, files), on_one_line=on_one_line):
         _print_map(session_map, files)
     if (damage := session_map.damage) is not None:
         raise damage
@@ -163,10 +161,8 @@ def _map_many(
         page = write_maps_page(
             [session_map for session_map, _ in maps.values()], folder / f"slope-maps{of_map}.html"
         )
-    if common.options().json:
-        documents = [_document(path, *entry) for path, entry in maps.items()]
-        common.print_json({"sessions": documents, "page": page})
-    else:
+    documents = [_document(path, *entry) for path, entry in maps.items()]
+    if not common.print_if_json({"sessions": documents, "page": page}):
         for path, (session_map, files) in maps.items():
             click.echo(path.stem)
             _print_map(session_map, files)

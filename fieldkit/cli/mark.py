@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, recordings, say
+from fieldkit.cli.common import Command, campaign, print_if_json, print_table, recordings, say
 from fieldkit.cli.types import PATH, WORDS
 
 Changes = tuple[str | None, str | None, str | None, str | None]
@@ -79,8 +79,7 @@ def _add(text: str, kind: str, at: str, to: str | None, longest: str | None) -> 
     with common.usage_errors():
         mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=to, longest=longest)
     session = send_to_recorder(folder, mark).session
-    if options().json:
-        print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
+    print_if_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
     if (silent := unresponsive_recorder(session)) is not None:
         say(f"warning: {silent.at(campaign().site)}; the mark waits for it beside {session.name}: {text}")
     else:
@@ -123,8 +122,6 @@ def _list(path: Path) -> None:
             (number, local_time(session.site, mark.time_ns), event_text(mark))
             for number, mark in session.marks().items()
         ]
-    if options().json:
-        marks = [dict(zip(("mark", "at", "text"), row, strict=True)) for row in rows]
-        print_json({"session": str(path), "marks": marks})
-    else:
+    marks = [dict(zip(("mark", "at", "text"), row, strict=True)) for row in rows]
+    if not print_if_json({"session": str(path), "marks": marks}):
         print_table(("mark", "at", "text"), rows)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say, say_warning
+from fieldkit.cli.common import Command, campaign, print_if_json, print_table, say, say_warning
 from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
@@ -79,10 +79,8 @@ def command(
     path = out or (config.reports / f"plan-{day_plan.day}.html" if config else None)
     if path:
         day_plan.write(path, prediction)
-    if options().json:
-        document = prediction.document if prediction else {"prediction": None}
-        print_json({**day_plan.document, **document, "page": path})
-    else:
+    document = prediction.document if prediction else {"prediction": None}
+    if not print_if_json({**day_plan.document, **document, "page": path}):
         _print(day_plan, prediction, path)
 
 

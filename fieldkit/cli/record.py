@@ -10,11 +10,12 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.page import LOOPBACK, page_beside
-from fieldkit.cli.recording import live_views, run_until_stopped, stop_on_signals, terminal_views
+from fieldkit.cli.recording import live_views, run_until_stopped, terminal_views
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
 from fieldkit.model.durations import rounded_duration
 from fieldkit.recording.recordings import sessions_in
+from fieldkit.recording.stopping import stop_on_signals
 from fieldkit.results.json_document import learnt_document
 
 if TYPE_CHECKING:
@@ -105,8 +106,7 @@ def command(
         common.say("called off: nothing more was recorded")
         return
     print_summary(session)
-    if session.summary.failure is not None:
-        raise session.summary.failure
+    session.raise_failure()
 
 
 def _record(
@@ -161,8 +161,7 @@ def _detach(config: Config, options: RecordOptions) -> None:
             common.say(line)
     finally:
         recorder.forget()
-    if common.options().json:
-        common.print_json({"session": None if session is None else str(session), "process": recorder.pid})
+    common.print_if_json({"session": None if session is None else str(session), "process": recorder.pid})
     what = "waits for its time or trigger" if session is None else f"recording {session.stem}"
     common.say(f"{what} in the background (process {recorder.pid})")
     common.say("next: fieldkit status  |  fieldkit page  |  fieldkit stop")
@@ -176,18 +175,17 @@ def print_summary(session: RecordedSession) -> None:
     path, summary = session.path, session.summary
     estimates = summary.last_minute.estimates if summary.last_minute else ()
     learnt = summary.last_minute.learnt if summary.last_minute else None
-    if common.options().json:
-        common.print_json(
-            {
-                "session": str(path),
-                "earlier_sessions": [str(earlier.path) for earlier in session.earlier],
-                "counts": summary.counts,
-                "dropped": summary.dropped,
-                "bytes": path.stat().st_size,
-                "estimates": [as_document(slope) for slope in estimates],
-                "learnt": learnt_document(learnt),
-            }
-        )
+    if common.print_if_json(
+        {
+            "session": str(path),
+            "earlier_sessions": [str(earlier.path) for earlier in session.earlier],
+            "counts": summary.counts,
+            "dropped": summary.dropped,
+            "bytes": path.stat().st_size,
+            "estimates": [as_document(slope) for slope in estimates],
+            "learnt": learnt_document(learnt),
+        }
+    ):
         return
     for part in (*session.earlier, session):
         counts = ", ".join(f"{count} {stream}" for stream, count in part.summary.counts.items())

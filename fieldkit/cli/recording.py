@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fieldkit.cli import common
+from fieldkit.recording.stopping import stop_on_signals
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
@@ -31,26 +29,6 @@ def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> Rec
         except KeyboardInterrupt:
             common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {prepared.path}")
             raise
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C or SIGTERM raises `KeyboardInterrupt`."""
-    stopping = threading.Event()
-
-    def stop(number: int, frame: object) -> None:
-        if number != signal.SIGHUP:  # shell and kernel both send one when a terminal closes
-            for second in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(second, signal.default_int_handler)
-        stopping.set()
-
-    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, stop) for number in signals}
-    try:
-        yield stopping
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def live_views(prepared: PreparedRecording, theme: ThemeName = "dark") -> list[View]:

@@ -37,9 +37,8 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     is_shown = not (math.isinf(factor) or common.options().json)
     summary = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
     slopes = summary.estimates
-    if common.options().json:
-        documents, learnt = list(map(as_document, slopes.values())), learnt_document(summary.learnt)
-        common.print_json({"session": str(session), "slopes": documents, "learnt": learnt})
+    documents, learnt = list(map(as_document, slopes.values())), learnt_document(summary.learnt)
+    if common.print_if_json({"session": str(session), "slopes": documents, "learnt": learnt}):
         return
     if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")

@@ -67,8 +67,7 @@ def command(
 
 
 def _print(pages: Report) -> None:
-    if common.options().json:
-        common.print_json({"sessions": [str(path) for path in pages.sessions], "report": str(pages.path)})
+    if common.print_if_json({"sessions": [str(path) for path in pages.sessions], "report": str(pages.path)}):
         return
     click.echo(pages.path)
     from fieldkit.views import plotting

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.common import campaign_file, options, print_json, print_table, say
+from fieldkit.cli.common import campaign_file, options, print_if_json, print_json, print_table, say
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import FILE, OR_RECORD, PATH, RECT, XY, NumberRange
 from fieldkit.model.errors import ConfigError
@@ -212,10 +212,8 @@ def check(ctx: click.Context, session: Path | None) -> None:
     config, mistakes = read_regions(campaign_file())
     inspections = inspect_regions(config, find_session(session) if session else None)
     failed = bool(mistakes) or any(inspection.level == "FAIL" for inspection in inspections)
-    if options().json:
-        documents = [inspection.document() for inspection in inspections]
-        print_json({"regions": documents, "mistakes": mistakes, "ok": not failed})
-    else:
+    documents = [inspection.document() for inspection in inspections]
+    if not print_if_json({"regions": documents, "mistakes": mistakes, "ok": not failed}):
         print_table(
             ("name", "tilt/azimuth", "pixels", "spread", ""), [inspection.row() for inspection in inspections]
         )
@@ -227,8 +225,7 @@ def check(ctx: click.Context, session: Path | None) -> None:
 def _print_change(
     file: Path, name: str, changed: Mapping[str, Any], how: str, sent: SentRequest | None
 ) -> None:
-    if options().json:
-        print_json({"config": str(file), **changed, **_request(sent)})
+    print_if_json({"config": str(file), **changed, **_request(sent)})
     say(f"region {name} {how} {file}")
     _say_sent(sent)
     _report_issues(file, name)

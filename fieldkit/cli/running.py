@@ -20,9 +20,7 @@ def status() -> None:
     session = running_session(common.recordings())
     cols = shutil.get_terminal_size().columns if sys.stdout.isatty() else common.PIPE_COLS
     status = present_status(session, cols)
-    if common.options().json:
-        common.print_json(status["document"])
-    else:
+    if not common.print_if_json(status["document"]):
         plain = common.options().no_color or bool(os.environ.get("NO_COLOR"))
         click.echo(status["text"], nl=False, color=False if plain else None)  # None: as the terminal can
 
@@ -38,8 +36,7 @@ def stop() -> None:
             common.say_warning("the recorder was suspended; continuing it, so that it can seal")
 
     path = stop_recording(common.recordings(), notify=warn)
-    if common.options().json:
-        common.print_json({"session": path and str(path)})
+    common.print_if_json({"session": path and str(path)})
     common.say(f"sealed {path}" if path else "called off: nothing was recorded")
 
 
@@ -52,6 +49,5 @@ def shutter() -> None:
     from fieldkit.recording.requests import Shutter, send_to_recorder
 
     request = send_to_recorder(common.recordings(), Shutter())
-    if common.options().json:
-        common.print_json({"session": str(request.session), "request": request.id})
+    common.print_if_json({"session": str(request.session), "request": request.id})
     common.say(f"sent to {request.session.name}; an event of the session reports whether the shutter ran")

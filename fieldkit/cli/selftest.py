@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, say
+from fieldkit.cli.common import Command, print_if_json, say
 from fieldkit.cli.types import KEY_VALUE
 from fieldkit.model.errors import DeviceError
 
@@ -53,9 +53,8 @@ def command(
     instrument = settings_for(driver_class, port, identity, driver_options)
     outcomes = list(check_driver(driver_class, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
-    if options().json:
-        print_json({"driver": driver, "passed": passed, "checks": [asdict(outcome) for outcome in outcomes]})
-    else:
+    checks = list(map(asdict, outcomes))
+    if not print_if_json({"driver": driver, "passed": passed, "checks": checks}):
         for check in outcomes:
             click.echo(f"{check.level:<5} {check.what}: {check.text}")
     ctx.exit(0 if passed else FAILED)

@@ -40,8 +40,7 @@ def install(system: bool, record: bool, address: str | None, port: int | None, o
         click.echo(unit.text(), nl=False)
         return
     file = install_service(unit, common.say_warning)
-    if common.options().json:
-        common.print_json({"unit": str(file), "campaign": str(unit.campaign)})
+    if common.print_if_json({"unit": str(file), "campaign": str(unit.campaign)}):
         return
     link = ["fieldkit", "page", "--link", "control", "-C", str(unit.campaign), *page]
     click.echo(f"installed {file}\n  link: {shlex.join(link)}")
@@ -55,6 +54,5 @@ def remove(system: bool) -> None:
     from fieldkit.recording.service import remove_service
 
     campaign = remove_service(system=system)
-    if common.options().json:
-        common.print_json({"removed": str(campaign)})
+    common.print_if_json({"removed": str(campaign)})
     common.say(f"removed the service of {campaign}")

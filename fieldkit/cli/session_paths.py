@@ -9,7 +9,7 @@ from pathlib import Path
 from fieldkit.cli.common import recordings, say, say_warning, working_folder
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.next_step import Action
-from fieldkit.recording.recordings import began, exists, is_interrupted, sessions_in
+from fieldkit.recording.recordings import began, exists, is_interrupted, recordings_in, sessions_in
 from fieldkit.sessions.superblock import refuse_address
 
 
@@ -66,8 +66,7 @@ def _expand(paths: Sequence[Path]) -> list[Path]:
     for name in paths or [recordings_folder()]:
         path = find_session(name)
         if path.is_dir():
-            inside = path / "recordings" if (path / "recordings").is_dir() else path
-            sessions.extend(sessions_in(inside, say_warning))
+            sessions.extend(sessions_in(recordings_in(path), say_warning))
         else:
             sessions.append(path)
     if not sessions:

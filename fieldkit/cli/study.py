@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
+from fieldkit.cli.common import Command, print_if_json, print_table, progress, say
 from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
@@ -90,8 +90,7 @@ def command(
             on_stage=lambda stage: bar.update(task, description=stage),
         )
         study.write(out)
-    if options().json:
-        print_json(study.document)
+    if print_if_json(study.document):
         return
     _print(study.document)
     say(f"tables, figures and a page with all of them: {out / 'study.html'}")

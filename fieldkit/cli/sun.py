@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table
+from fieldkit.cli.common import Command, campaign, print_if_json, print_table
 from fieldkit.cli.types import FACET, MOMENT, SITE
 from fieldkit.model.site import Site
 
@@ -32,9 +32,7 @@ def command(site: Site | None, moments: tuple[datetime, ...], facets: tuple[Face
 
     place = site or campaign().site
     rows = sun_rows(place, moments, facets)
-    if options().json:
-        print_json({"site": asdict(place), "rows": rows})
-    else:
+    if not print_if_json({"site": asdict(place), "rows": rows}):
         _print_rows(rows, facets)
 
 

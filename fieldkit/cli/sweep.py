@@ -83,8 +83,7 @@ def _default(session: Path) -> Path:
 
 def _print(result: Sweep, files: Sequence[Path]) -> None:
     ranking = result.ranking_document()
-    if common.options().json:
-        common.print_json({"runs": result.runs, "files": list(map(str, files)), "ranking": ranking})
+    if common.print_if_json({"runs": result.runs, "files": list(map(str, files)), "ranking": ranking}):
         return
     if ranking is None:
         click.echo("no region of known tilt was estimated: nothing to rank the parameters by")

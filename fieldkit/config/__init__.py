@@ -9,39 +9,26 @@ What reads the file is imported when it is used: some commands only find the cam
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from fieldkit.config.files import FILE_NAME, NoCampaignError, find_campaign
+from fieldkit.config.files import FILE_NAME as FILE_NAME
+from fieldkit.config.files import NoCampaignError as NoCampaignError
+from fieldkit.config.files import find_campaign as find_campaign
 
 if TYPE_CHECKING:
-    from fieldkit.config.config import Config
-    from fieldkit.config.load import (
-        changed_config,
-        config_from_text,
-        load_config,
-        mistakes_in,
-        read_config,
-        user_file,
-    )
-    from fieldkit.config.validation import ConfigMistakesError, Mistake
+    from fieldkit.config.config import Config as Config
+    from fieldkit.config.load import changed_config as changed_config
+    from fieldkit.config.load import config_from_text as config_from_text
+    from fieldkit.config.load import load_config as load_config
+    from fieldkit.config.load import mistakes_in as mistakes_in
+    from fieldkit.config.load import read_config as read_config
+    from fieldkit.config.validation import ConfigMistakesError as ConfigMistakesError
+    from fieldkit.config.validation import Mistake as Mistake
 
-__all__ = [
-    "FILE_NAME",
-    "Config",
-    "ConfigMistakesError",
-    "Mistake",
-    "NoCampaignError",
-    "changed_config",
-    "config_from_text",
-    "find_campaign",
-    "load_config",
-    "mistakes_in",
-    "read_config",
-    "user_file",
-]
-
-_HOMES = {"Config": "config", "ConfigMistakesError": "validation", "Mistake": "validation"}
+_LOADING = ("changed_config", "config_from_text", "load_config", "mistakes_in", "read_config")
+_HOMES = dict.fromkeys(_LOADING, "load")
+_HOMES |= {"Config": "config", "ConfigMistakesError": "validation", "Mistake": "validation"}
 
 
 def __getattr__(name: str) -> object:
-    if name not in __all__:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'load')}"), name)
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

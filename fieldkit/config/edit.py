@@ -13,7 +13,7 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.files import KeyPath, is_toml, key_lines, parse_toml, read_text, toml_lines
+from fieldkit.config.files import KeyPath, is_toml, key_lines, toml_lines
 from fieldkit.config.load import mistakes_in
 from fieldkit.config.template import assignment
 from fieldkit.config.validation import ConfigMistakesError
@@ -21,6 +21,7 @@ from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError, os_errors_as
 from fieldkit.model.next_step import Action
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.model.text_file import parse_toml, read_text
 
 
 @dataclass

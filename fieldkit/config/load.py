@@ -20,7 +20,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.config import Config
 from fieldkit.config.defaults import KIND, forget_defaults_of_kind
-from fieldkit.config.files import KeyPath, key_lines, parse_toml, read_text, regions_in, table_in
+from fieldkit.config.files import KeyPath, key_lines, regions_in, table_in
 from fieldkit.config.references import resolve, with_horizons
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
@@ -34,6 +34,7 @@ from fieldkit.config.validation import (
 )
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Text
+from fieldkit.model.text_file import parse_toml, read_text
 
 SET = "setting "
 ENVIRONMENT = "FIELDKIT_"

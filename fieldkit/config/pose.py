@@ -18,12 +18,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fieldkit.config.files import parse_toml, read_text, table_in
+from fieldkit.config.files import table_in
 from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_schema import PoseTable, describe_value, node_at
 from fieldkit.config.validation import Mistake
 from fieldkit.model.clock import utc_ns
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.text_file import parse_toml, read_text
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.camera_geometry import Camera, Grid, angles_of_quaternion, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Point, Quaternion, Trajectory
@@ -230,9 +231,8 @@ def pose_table(values: dict[str, Any], path: Path) -> PoseTable:
     try:
         return PoseTable.model_validate(_with_trajectory(values, path.parent))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(first["msg"], place=f"{path}, {key}", fix=f"correct {key} in {path}") from None
+        key, _, problem = message_of(error).partition(": ")
+        raise ConfigError(problem, place=f"{path}, {key}", fix=f"correct {key} in {path}") from None
 
 
 def _with_trajectory(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:

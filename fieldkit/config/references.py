@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
-from fieldkit.config.files import FILE_NAME, KeyPath, read_text, regions_in, table_in
+from fieldkit.config.files import FILE_NAME, KeyPath, regions_in, table_in
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
+from fieldkit.model.text_file import read_text
 
 
 class _Key(NamedTuple):

@@ -83,7 +83,13 @@ class FieldkitError(Exception):
 
 
 def message_of(error: BaseException) -> str:
-    """The message without the fix: for a message or an event that quotes another error."""
+    """The message without the fix: for a message or an event that quotes another error.
+
+    Of the mistakes that pydantic finds in a document, it is the first, behind its key.
+    """
+    if isinstance(error, ValueError) and hasattr(error, "errors"):
+        first = error.errors()[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
     return error.message if isinstance(error, FieldkitError) else str(error)
 
 

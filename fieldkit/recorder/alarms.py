@@ -107,15 +107,8 @@ class _Watch:
             yield over, Phase.CLEARED, due_ns
 
 
-class _Waiting(NamedTuple):
-    """Something known of a time; equal times are in the order of rank, stream and arrival."""
-
-    time_ns: int
-    rank: int
-    stream: str
-    number: int
-    flags: Quality
-    event: Event | None
+_Waiting = tuple[int, bool, str, int, Event | Quality]
+"""An event, or the flags of a sample, with its time; at equal times events come first."""
 
 
 class AlarmEngine:
@@ -149,7 +142,7 @@ class AlarmEngine:
         if isinstance(item, Health):
             return self._events(self._tick(item))
         self._latest_ns = max(self._latest_ns, item.time_ns)
-        self._wait(item.time_ns, 1, item.stream, item.quality & _WATCHED_FLAGS)
+        self._wait(item.time_ns, item.stream, item.quality & _WATCHED_FLAGS)
         return []
 
     def _events(self, changes: Iterator[tuple[Alarm, Phase, int]]) -> list[Event]:
@@ -160,13 +153,13 @@ class AlarmEngine:
     # --- samples, events and health, in order of time
 
     def _take(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
-        self._wait(event.time_ns, 0, event.stream, Quality.GOOD, event)
+        self._wait(event.time_ns, event.stream, event)
         if event.kind is EventKind.STOP:
             yield from self._process(event.time_ns)
 
-    def _wait(self, time_ns: int, rank: int, stream: str, flags: Quality, event: Event | None = None) -> None:
+    def _wait(self, time_ns: int, stream: str, what: Event | Quality) -> None:
         self._number += 1
-        heapq.heappush(self._waiting, _Waiting(time_ns, rank, stream, self._number, flags, event))
+        heapq.heappush(self._waiting, (time_ns, isinstance(what, Quality), stream, self._number, what))
 
     def _tick(self, health: Health) -> Iterator[tuple[Alarm, Phase, int]]:
         if not self._started:
@@ -181,13 +174,10 @@ class AlarmEngine:
             yield from self._count_garbled(status.stream, status.rejected, health.time_ns - LATE_NS)
 
     def _process(self, until_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
-        while self._waiting and self._waiting[0].time_ns <= until_ns:
-            waiting = heapq.heappop(self._waiting)
-            yield from self._due(waiting.time_ns)
-            if waiting.event is not None:
-                yield from self._event(waiting.event)
-            else:
-                yield from self._sample(waiting)
+        while self._waiting and self._waiting[0][0] <= until_ns:
+            time_ns, _, stream, _, what = heapq.heappop(self._waiting)
+            yield from self._due(time_ns)
+            yield from self._event(what) if isinstance(what, Event) else self._sample(stream, what, time_ns)
         yield from self._due(until_ns)
 
     def _due(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
@@ -199,22 +189,18 @@ class AlarmEngine:
                     # explains the silence
                     yield from self._observe(Condition.SILENT, watch.subject, False, time_ns)
 
-    def _sample(self, one: _Waiting) -> Iterator[tuple[Alarm, Phase, int]]:
-        yield from self._observe(Condition.LOST, one.stream, False, one.time_ns)
-        if one.stream in self._settings.intervals_s:
-            yield from self._arm(one.stream, one.time_ns)
-        before = self._flags.get(one.stream, Quality.GOOD)
-        if one.flags == before:
+    def _sample(self, stream: str, flags: Quality, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        yield from self._observe(Condition.LOST, stream, False, time_ns)
+        if stream in self._settings.intervals_s:
+            yield from self._arm(stream, time_ns)
+        if flags == self._flags.get(stream, Quality.GOOD):
             return
-        self._flags[one.stream] = one.flags
-        out = bool(one.flags & OUT_OF_RANGE)
-        text = f"{one.stream} is out of range or without a value"
-        yield from self._observe(Condition.OVERRANGE, one.stream, out, one.time_ns, text)
-        if Quality.FROZEN in one.flags:
-            text = f"{one.stream} repeats one frame"
-            yield from self._observe(Condition.FROZEN, one.stream, True, one.time_ns, text)
-        elif Quality.DUPLICATE not in one.flags:
-            yield from self._observe(Condition.FROZEN, one.stream, False, one.time_ns)
+        self._flags[stream] = flags
+        text = f"{stream} is out of range or without a value"
+        yield from self._observe(Condition.OVERRANGE, stream, bool(flags & OUT_OF_RANGE), time_ns, text)
+        is_frozen, text = Quality.FROZEN in flags, f"{stream} repeats one frame"
+        if is_frozen or Quality.DUPLICATE not in flags:
+            yield from self._observe(Condition.FROZEN, stream, is_frozen, time_ns, text)
 
     def _arm(self, stream: str, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
         """From now on, no sample within the hold time is an alarm."""
@@ -330,12 +316,8 @@ class _MinuteConditions:
         observations = [*self._disturbances(minute), *self._temperatures(minute)]
         for estimate in minute.estimates:
             observations += self._slopes(estimate)
-        self._was.update(
-            {(observation.condition, observation.subject): observation.is_on for observation in observations}
-        )
-        states = {
-            (observation.condition, observation.subject): observation for observation in observations
-        }  # the last of a minute
+        states = {(state.condition, state.subject): state for state in observations}  # the last of a minute
+        self._was.update({subject: state.is_on for subject, state in states.items()})
         yield from states.values()
 
     def _disturbances(self, minute: Minute) -> Iterator[_Found]:

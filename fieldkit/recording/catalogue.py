@@ -23,7 +23,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.version import __version__
-from fieldkit.recording.recordings import sessions_in
+from fieldkit.recording.recordings import recordings_in, sessions_in
 from fieldkit.recording.status_request import recorder_status
 from fieldkit.sessions.lock import is_locked, journal_path
 
@@ -139,8 +139,7 @@ def catalogue(folder: str | Path = ".") -> Catalogue:
     >>> len(fieldkit.catalogue("sandslope"))
     1
     """
-    folder = Path(folder)
-    inside = folder / "recordings" if (folder / "recordings").is_dir() else folder
+    inside = recordings_in(Path(folder))
     return catalogue_of(inside, sessions_in(inside))
 
 

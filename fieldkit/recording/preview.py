@@ -100,11 +100,8 @@ def await_begin(
     def is_due() -> bool:
         return triggers.started is not None if prepared.on_trigger else prepared.begins_in_s() <= 0.0
 
-    waiting = SessionLock(prepared.path.parent, WAITING_NAME)
-    try:
+    with SessionLock(prepared.path.parent, WAITING_NAME):
         readers = preview.run(None, lambda: stopping.is_set() or is_due(), keeps=is_due)
-    finally:
-        waiting.release()
     if not readers:
         return None
     samples = ring.since(triggers.since_ns) if triggers.started else []

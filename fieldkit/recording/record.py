@@ -6,7 +6,6 @@ streams first.
 
 from __future__ import annotations
 
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -44,6 +43,7 @@ from fieldkit.recording.requests import inbox
 from fieldkit.recording.running import PREVIEW_ENDS_WITHIN_S, PREVIEW_LOCK_NAME, only_recorder
 from fieldkit.recording.status import reported_status
 from fieldkit.recording.status_request import feed_path
+from fieldkit.recording.stopping import stopped_by_interrupt
 from fieldkit.recording.triggers import triggers_of
 from fieldkit.results.minutes import keep_recorded
 from fieldkit.results.session import Session, open_session
@@ -129,33 +129,12 @@ def record(
         split=split,
     )
     views: list[View] = [] if on_minute is None else [MinuteView(on_minute)]
-    with prepare(config, options, notify) as prepared, _stopped_by_interrupt() as stopping:
+    with prepare(config, options, notify) as prepared, stopped_by_interrupt() as stopping:
         if is_notebook():
             views.append(NotebookLine(prepared.latest()))
         result = prepared.run(views, stopping=stopping)
-    if result.summary.failure is not None:
-        raise result.summary.failure
+    result.raise_failure()
     return open_session(result.path)
-
-
-@contextmanager
-def _stopped_by_interrupt() -> Iterator[threading.Event]:
-    """An event that the first interrupt sets, where Python alone would raise `KeyboardInterrupt`."""
-    stopping = threading.Event()
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield stopping
-        return
-
-    def stop(number: int, frame: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        stopping.set()
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield stopping
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +149,11 @@ class RecordedSession:
     summary: Summary
     earlier: tuple[RecordedSession, ...] = ()
     was_stopped: bool = False
+
+    def raise_failure(self) -> None:
+        """Raise the error that ended the recording, if one did."""
+        if self.summary.failure is not None:
+            raise self.summary.failure
 
 
 @dataclass(frozen=True, slots=True)

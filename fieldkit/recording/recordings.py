@@ -44,6 +44,11 @@ def sessions_in(folder: Path, notify: Callable[[str], None] = log.info) -> list[
     return paths
 
 
+def recordings_in(folder: Path) -> Path:
+    """The recordings of a campaign by its folder; any other folder as it is."""
+    return inside if (inside := folder / "recordings").is_dir() else folder
+
+
 def in_natural_order(name: str) -> list[str | int]:
     """Key that sorts names by the numbers in them: d2 before d10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]

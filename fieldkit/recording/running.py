@@ -91,10 +91,8 @@ def only_recorder(recordings: Path) -> Iterator[None]:
     except RefusedError as error:
         _refuse_second(recordings, otherwise=error.message)
         raise
-    try:
+    with lock:
         yield
-    finally:
-        lock.release()
 
 
 def _lock_in(recordings: Path, name: str) -> SessionLock:
@@ -117,11 +115,8 @@ def previewing(recordings: Path) -> Iterator[Callable[[], bool]]:
     be written.
     """
     _refuse_second(recordings)
-    lock = _lock_in(recordings, PREVIEW_LOCK_NAME)
-    try:
+    with _lock_in(recordings, PREVIEW_LOCK_NAME):
         yield _RecorderWaits(recordings)
-    finally:
-        lock.release()
 
 
 class _RecorderWaits:

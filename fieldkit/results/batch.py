@@ -16,7 +16,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.results.executors import results
-from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
+from fieldkit.results.minutes import Outcome, Run, estimate_runs, run_of
 from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates, budget_columns
 from fieldkit.results.sources import ONE, SessionOrFile, Source, path_of, source_of
@@ -122,14 +122,13 @@ def outcomes_of(
 
     Sessions that cannot be read, or that are damaged in part, are added to `failures`.
     """
-    for done, outcome in enumerate(estimate_runs(runs, executor), start=1):
+    for done, (run, outcome) in enumerate(estimate_runs(runs, executor), start=1):
         on_progress(done, len(runs))
-        if isinstance(outcome, Failure):
-            failures[outcome.run.source.path] = outcome.error
-            continue
-        if (damage := _damage(outcome)) is not None:
-            failures[outcome.run.source.path] = damage
-        yield outcome
+        error = outcome if isinstance(outcome, FieldkitError) else _damage(outcome)
+        if error is not None:
+            failures[run.source.path] = error
+        if isinstance(outcome, Outcome):
+            yield outcome
 
 
 def _damage(outcome: Outcome) -> IntegrityError | None:

@@ -14,11 +14,11 @@ from typing import Any, overload
 
 from fieldkit.config import find_campaign
 from fieldkit.config.edit import editing, set_key
-from fieldkit.config.files import parse_toml, read_text
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError, os_errors_as
 from fieldkit.model.mark_times import parse_when
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.model.text_file import parse_toml, read_text
 from fieldkit.results.batch import BySession, one_or_each
 from fieldkit.results.result_files import campaign_folder
 from fieldkit.results.sources import ONE, SessionOrFile, path_of, reading

@@ -360,23 +360,17 @@ class Outcome:
     cached: bool = False
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Reason why a run has no slopes."""
-
-    run: Run
-    error: FieldkitError
-
-
-def estimate_runs(runs: Iterable[Run], executor: Executor | None) -> Iterator[Outcome | Failure]:
+def estimate_runs(
+    runs: Iterable[Run], executor: Executor | None
+) -> Iterator[tuple[Run, Outcome | FieldkitError]]:
     """The outcome of every run: cached ones, then the others as they are solved; each is kept at once.
 
-    A session is read once for all its runs. One that cannot be read gives failures, and the others go on.
+    A session is read once for all its runs. One that cannot be read gives errors, and the others go on.
     """
     missing: dict[str, list[Run]] = defaultdict(list)
     for run in runs:
         if (cached := _known_slopes(run)) is not None:
-            yield Outcome(run, cached, cached=True)
+            yield run, Outcome(run, cached, cached=True)
         else:
             missing[run.key].append(run)
     histories = _measure_all([same[0] for same in missing.values()], executor)
@@ -384,15 +378,14 @@ def estimate_runs(runs: Iterable[Run], executor: Executor | None) -> Iterator[Ou
     for same in missing.values():
         history = histories[same[0].bins_key]
         if isinstance(history, FieldkitError):
-            yield from (Failure(run, history) for run in same)
+            yield from ((run, history) for run in same)
         else:
             pieces.append((same, partial(solve, history, same[0].source.regions, same[0].settings)))
     for same, estimates in results(executor, pieces):
-        if isinstance(estimates, FieldkitError):
-            yield from (Failure(run, estimates) for run in same)
-        else:
+        is_solved = not isinstance(estimates, FieldkitError)
+        if is_solved:
             _keep_slopes(same[0], estimates)
-            yield from (Outcome(run, estimates) for run in same)
+        yield from ((run, Outcome(run, estimates) if is_solved else estimates) for run in same)
 
 
 def _measure_all(runs: Iterable[Run], executor: Executor | None) -> dict[str, History | FieldkitError]:

@@ -171,8 +171,8 @@ def _report_session(
 ) -> Path:
     out = out or default_path(path)
     with open_session(path) as session:
-        config = config_for(session, options.settings, present=options.present)
-        minutes = SessionMinutes(session, config, present=options.present)
+        minutes = _minutes(session, options)
+        config = minutes.run.source.config
         sources.notify_damage(session, notify, minutes.measured.damaged)
         if out.suffix.lower() == ".png":
             image = _image(session, minutes, options, notify)
@@ -223,11 +223,15 @@ def _report_sessions(
 def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
     """A session, estimated, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
     with open_session(path) as session:
-        config = config_for(session, options.settings, present=options.present)
-        minutes = SessionMinutes(session, config, present=options.present)
+        minutes = _minutes(session, options)
         columns = series(minutes.minutes(), minutes.schedule.latest)
         warnings = assess(columns, list(session.events()), session.state).warnings
         return Part(path, minutes.site, columns, minutes.settings, warnings, is_simulated(session))
+
+
+def _minutes(session: SessionReader, options: ReportOptions) -> SessionMinutes:
+    config = config_for(session, options.settings, present=options.present)
+    return SessionMinutes(session, config, present=options.present)
 
 
 def default_path(session: Path) -> Path:

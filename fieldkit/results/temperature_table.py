@@ -12,16 +12,17 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from fieldkit.config.files import read_text
 from fieldkit.estimation.table import TemperatureTable
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.text_file import read_text
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.sessions.formats.tables import refuse_swallowed
 
@@ -121,18 +122,16 @@ def _line(path: Path, line: int) -> str:
 
 
 def _time_ns(path: Path, line: int, row: Row) -> int:
-    text, fix = (row["time"] or "").strip(), "write times like 2017-08-30T12:00:00+09:00"
-    place = _line(path, line)
-    try:
+    text, problem = (row["time"] or "").strip(), " is not ISO 8601 with a zone"
+    with suppress(ValueError):
         time = datetime.fromisoformat(text)
-    except ValueError:
-        time = None
-    if time is None or time.utcoffset() is None:
-        raise ConfigError(f"time '{text}' is not ISO 8601 with a zone", place=place, fix=fix)
-    try:
-        return utc_ns(time)
-    except ValueError as error:
-        raise ConfigError(f"time '{text}': {error}", place=place, fix=fix) from error
+        if time.utcoffset() is not None:
+            try:
+                return utc_ns(time)
+            except ValueError as error:
+                problem = f": {error}"
+    fix = "write times like 2017-08-30T12:00:00+09:00"
+    raise ConfigError(f"time '{text}'{problem}", place=_line(path, line), fix=fix)
 
 
 def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:

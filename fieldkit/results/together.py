@@ -7,7 +7,7 @@ files of their own where that is asked for.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -124,17 +124,8 @@ def estimate_together(
     runs.sort(key=lambda run: begun[str(run.source.path)])
     estimates = _estimate_parts(runs, parts)
     on_progress(len(runs) + 1, len(runs) + 1)
-    return JoinedEstimates(
-        estimates.rows,
-        estimates.texts,
-        estimates.regions,
-        estimates.learnt,
-        estimates.budgets,
-        estimates.checks,
-        runs[0].site,
-        runs=tuple(runs),
-        chosen={"settings": texts, "campaign": present, "without_marks": list(map(str, without_marks))},
-    )
+    chosen = {"settings": texts, "campaign": present, "without_marks": list(map(str, without_marks))}
+    return JoinedEstimates(**vars(replace(estimates, site=runs[0].site)), runs=tuple(runs), chosen=chosen)
 
 
 def _estimate_parts(runs: Sequence[minutes.Run], parts: Sequence[Part]) -> Estimates:

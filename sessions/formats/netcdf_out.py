@@ -18,13 +18,12 @@ import h5py
 import numpy as np
 
 from fieldkit.disk import replacing
-from fieldkit.model.errors import IncompleteError
 from fieldkit.physics.camera_laws import has_temperatures
 from fieldkit.sessions.analysis import kelvin
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.entry_rows import event_columns
 from fieldkit.sessions.file_tree import put_group, put_rows, put_scale, set_attributes
-from fieldkit.sessions.formats.tables_out import all_but_unreadable
+from fieldkit.sessions.formats.tables_out import all_but_unreadable, whole_export
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.layout import FRAME_DATASETS, TIME_UNITS
 from fieldkit.sessions.reader import SessionReader
@@ -45,7 +44,7 @@ def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
     read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
     cannot be read or leads out of the session's file.
     """
-    path, missing = folder / f"{session.path.stem}.nc", None
+    path = folder / f"{session.path.stem}.nc"
     with (
         replacing(path, synced=False) as draft,
         (guarded := GuardedFile(draft, "w", track_order=True)) as file,
@@ -55,15 +54,9 @@ def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
         for name in ("default", "fieldkit_format", "fieldkit_format_version"):  # of a session's own file
             del file.attrs[name]
         groups = (*session.streams, *session.tables)
-        try:
-            all_but_unreadable(
-                (name, partial(_put_group, session, name, file, guarded.check)) for name in groups
-            )
-        except IncompleteError as error:
-            missing = error
-    if missing is not None:
-        raise IncompleteError(missing.problem, [path])
-    return [path]
+        parts = ((name, partial(_put_group, session, name, file, guarded.check)) for name in groups)
+        _, missing = all_but_unreadable(parts)
+    return whole_export([path], missing)
 
 
 def _put_group(session: SessionReader, name: str, file: h5py.File, check: Callable[[], None]) -> Path:

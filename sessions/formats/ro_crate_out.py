@@ -6,7 +6,6 @@ archives fill DataCite's fields: creators, titles, rights, descriptions, related
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import tomllib
@@ -19,7 +18,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.site import Site
 from fieldkit.model.version import __version__
 from fieldkit.sessions.file_tree import iso_utc
-from fieldkit.sessions.formats.tables_out import export_csv
+from fieldkit.sessions.formats.tables_out import export_csv, write_json
 from fieldkit.sessions.reader import SessionReader
 
 METADATA = "ro-crate-metadata.json"
@@ -43,12 +42,8 @@ def export_ro_crate(session: SessionReader, folder: Path, *, license: str, orcid
             with replacing(copy, synced=False) as draft:
                 shutil.copyfile(session.path, draft)
         files = [copy, *files]
-    metadata = folder / METADATA
     graph = list(_entities(session, files, license, orcid))
-    document = {"@context": f"{VERSION}/context", "@graph": graph}
-    with replacing(metadata, synced=False) as draft:
-        draft.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return [*files, metadata]
+    return [*files, write_json(folder / METADATA, {"@context": f"{VERSION}/context", "@graph": graph})]
 
 
 def _entities(

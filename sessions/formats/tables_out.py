@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,23 +49,17 @@ def export_csv(session: SessionReader, folder: Path) -> list[Path]:
     when all the others are written, for a table that cannot be read.
     """
     resources: list[dict[str, Any]] = []
-    package = folder / PACKAGE
-
-    def describe(path: Path, table: Columns) -> None:
-        resources.append(_resource(path, table))
-
-    try:
-        files = _export(session, folder, "csv", _csv, describe)
-    except IncompleteError as error:
-        written = _write_package(package, resources)
-        raise IncompleteError(error.problem, [*error.files, written]) from error
-    return [*files, _write_package(package, resources)]
-
-
-def _write_package(path: Path, resources: list[dict[str, Any]]) -> Path:
+    files, unread = _export(
+        session, folder, "csv", _csv, lambda path, table: resources.append(_resource(path, table))
+    )
     about = {"profile": "tabular-data-package", "resources": resources}
+    return whole_export([*files, write_json(folder / PACKAGE, about)], unread)
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> Path:
+    """Write a document for people and programs; returns the path."""
     with replacing(path, synced=False) as draft:
-        draft.write_text(json.dumps(about, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        draft.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return path
 
 
@@ -85,7 +79,7 @@ def _slug(name: str) -> str:
 
 def export_parquet(session: SessionReader, folder: Path) -> list[Path]:
     """The same tables as Parquet; raises `ConfigError` where pandas or pyarrow is not installed."""
-    return _export(session, folder, "parquet", _parquet)
+    return whole_export(*_export(session, folder, "parquet", _parquet))
 
 
 def _export(
@@ -94,7 +88,7 @@ def _export(
     kind: str,
     write: Callable[[Columns, Path], None],
     on_table: Callable[[Path, Columns], None] = lambda *_: None,
-) -> list[Path]:
+) -> tuple[list[Path], list[str]]:
     def table(make: Callable[[], Columns], path: Path) -> Path:
         columns = make()
         with replacing(path, synced=False) as draft:
@@ -207,11 +201,8 @@ def _events(session: SessionReader) -> Columns:
     }
 
 
-def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[Path]:
-    """Write one part after the other, each of them a file.
-
-    Raises `IncompleteError`, when all the others are written, with the names of those that cannot be read.
-    """
+def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> tuple[list[Path], list[str]]:
+    """Write one part after the other, each of them a file; those that cannot be read, and why."""
     files, missing = [], []
     for name, write in parts:
         try:
@@ -222,6 +213,11 @@ def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[
             if "errno" in message_of(error).lower():
                 raise
             missing.append(f"{name}: {message_of(error)}")
+    return files, missing
+
+
+def whole_export(files: list[Path], missing: Sequence[str]) -> list[Path]:
+    """The files; raises `IncompleteError` with those and what is `missing`, if anything."""
     if missing:
         raise IncompleteError("not exported: " + "; ".join(missing), files)
     return files
