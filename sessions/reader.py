@@ -398,15 +398,7 @@ class SessionReader:
 
     def entries(self) -> list[Entry]:
         """Everything but samples, as recorded: regions, events, clock comparisons, health, minutes."""
-        return [entry for read in self.entry_readers for entry in read()]
-
-    @property
-    def entry_readers(self) -> tuple[Callable[[], Sequence[Entry]], ...]:
-        """What reads the entries of each kind, as recorded."""
-        self.require_open()
-        regions, events = partial(self.region_history, recorded=True), partial(self.events, recorded=True)
-        health, minutes = partial(self.health, recorded=True), partial(self.minutes, recorded=True)
-        return regions, events, self.clock_checks, health, minutes
+        return [entry for read in entry_readers(self) for entry in read()]
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
@@ -492,6 +484,13 @@ class SessionOutline(SessionReader):
     def written_by(self) -> str:
         """Version of fieldkit that recorded it."""
         return str(attribute(self._file, "fieldkit_version"))
+
+
+def entry_readers(session: SessionReader) -> tuple[Callable[[], Sequence[Entry]], ...]:
+    """What reads the entries of each kind, as recorded."""
+    timed = session.region_history, session.events, session.health, session.minutes
+    regions, events, health, minutes = (partial(read, recorded=True) for read in timed)
+    return regions, events, session.clock_checks, health, minutes
 
 
 def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:

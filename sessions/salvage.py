@@ -27,7 +27,7 @@ from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, TIME_MAP_COLUMNS, block_rows, chunk_shape, entry_columns
 from fieldkit.sessions.lock import journal_path
-from fieldkit.sessions.reader import SessionReader, open_interrupted
+from fieldkit.sessions.reader import SessionReader, entry_readers, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import of_frame
 from fieldkit.sessions.stored import DEFLATE_RATIO, columns_of, whole_rows
@@ -233,7 +233,7 @@ def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
 
 def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     entries: list[Entry] = []
-    for read in session.entry_readers:
+    for read in entry_readers(session):
         try:
             entries.extend(read())
         except _UNREADABLE as error:
