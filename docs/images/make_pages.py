@@ -15,7 +15,7 @@ LAPTOP, PHONE = (1000, 1100), (390, 844)
 def main(day: DemoDay) -> None:
     """Write the pages and take their pictures."""
     plan = day.folder / "plan.html"
-    day.run("plan", *PLAN, *FACETS, "--out", str(plan))
+    day.run("plan", *PLAN, *FACETS, "--out", str(plan), within=day.demo)
     report = day.session.parents[1] / "reports" / f"{day.session.stem}.html"
     take(day, plan, "plan", LAPTOP)
     take(day, report, "report", LAPTOP)
