@@ -103,10 +103,8 @@ class EntryRows:
 
 def row_of(columns: Iterable[layout.Column], entry: object, **values: Any) -> Row:
     """The row of an entry: its attributes by the columns called alike, and the `values` of the others."""
-    row = {column.name: _ATTRIBUTES.get(column.name, column.name) for column in columns}
-    row = {
-        name: values[name] if name in values else getattr(entry, attribute) for name, attribute in row.items()
-    }
+    names = {column.name: _ATTRIBUTES.get(column.name, column.name) for column in columns}
+    row = {name: values[name] if name in values else getattr(entry, own) for name, own in names.items()}
     return {column.name: _stored_value(row[column.name], column) for column in columns}
 
 

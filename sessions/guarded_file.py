@@ -45,9 +45,8 @@ def _place(dataset: h5py.Dataset, value: Any) -> tuple[int, bytes]:
     data: AnyArray = np.asarray(value, dataset.dtype)
     offset = dataset.id.get_offset()
     if data.shape != dataset.shape or offset is None:
-        raise ValueError(
-            f"{dataset.name} has shape {dataset.shape}, not {data.shape}, or no place of its own"
-        )
+        problem = f"has shape {dataset.shape}, not {data.shape}, or no place of its own"
+        raise ValueError(f"{dataset.name} {problem}")
     return offset, data.tobytes()
 
 

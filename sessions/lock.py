@@ -44,9 +44,8 @@ class SessionLock(AbstractContextManager["SessionLock"]):
             _lock(self._descriptor)
         except OSError as error:
             owner = os.read(self._descriptor, OWNER_BYTES).decode(errors="replace").strip()
-            raise RefusedError(
-                f"{folder} is in use by process {owner}", fix="wait until it has ended, or stop it first"
-            ) from error
+            fix = "wait until it has ended, or stop it first"
+            raise RefusedError(f"{folder} is in use by process {owner}", fix=fix) from error
         os.pwrite(self._descriptor, f"{os.getpid()}\n".encode().ljust(OWNER_BYTES), 0)
 
     def __exit__(self, *_: object) -> None:

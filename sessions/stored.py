@@ -84,9 +84,8 @@ def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: 
         raise SessionError("a group, not a dataset", place=path)
     is_declared = dataset.ndim == 1 + len(row_shape) and dataset.shape[1:] == row_shape
     if not is_declared or dataset.dtype.str[1:] != dtype:
-        raise SessionError(
-            f"shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}", place=path
-        )
+        problem = f"shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}"
+        raise SessionError(problem, place=path)
     return dataset
 
 

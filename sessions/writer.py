@@ -303,9 +303,8 @@ def check_sample(info: StreamInfo | None, sample: Sample) -> None:
 def _check_frame(info: StreamInfo, frame: Frame) -> None:
     declared, shape = info.metadata_shape, frame.metadata_rows.shape
     if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
-        raise ValueError(
-            f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
-        )
+        problem = f"was declared with {declared} metadata rows, the sample has {shape}"
+        raise ValueError(f"stream {frame.stream!r} {problem}")
     for counts in (frame.counts, frame.metadata_rows):
         if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
             raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")
