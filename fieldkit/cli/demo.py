@@ -24,12 +24,15 @@ if TYPE_CHECKING:
     from fieldkit.model.site import Region
 
 SCENE_S = 3 * 3600.0
+PACE = 900
+"""Scene seconds per real second at most, to watch; ``--fast`` runs as fast as the computer can."""
 
 
 @click.command(cls=common.Command)
+@click.option("--fast", is_flag=True, help="Run as fast as possible; the numbers do not change.")
 @click.option("--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Simulate a fault.")
 @click.option("-o", "--out", type=PATH, default=Path("demo"), show_default=True, help="Campaign folder.")
-def command(fault: str | None, out: Path) -> None:
+def command(fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
     from fieldkit.recording.background import RecordOptions
     from fieldkit.recording.record import MinuteView, prepare
@@ -38,7 +41,7 @@ def command(fault: str | None, out: Path) -> None:
 
     began = time.monotonic()
     folder = (common.options().directory or Path()) / out
-    config = demo_campaign(folder, fault=fault)
+    config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
     minutes: list[Minute] = []
     with prepare(config, RecordOptions(name="demo", duration_s=SCENE_S), common.say_warning) as prepared:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED
@@ -90,15 +90,15 @@ KNOWN_BED = "b15"
 """Bed of the demo whose slope is stated: it shows the gain, and the others check it."""
 
 
-def demo_campaign(folder: Path, *, fault: str | None = None) -> Config:
-    """The demo's campaign, created if it does not exist, at full speed and with the fault of this run."""
+def demo_campaign(folder: Path, *, speed: float | Literal["max"], fault: str | None = None) -> Config:
+    """The demo's campaign, created if it does not exist, with speed and fault of this run."""
     if not (folder / FILE_NAME).exists():
         estimator = {"azimuth": "known", "window_s": PAPER_WINDOW_S}
         kinds: dict[str, dict[str, str]] = {KNOWN_BED: {"kind": "reference"}}
         regions = [{**region, **kinds.get(region["name"], {})} for region in SIMULATED["region"]]
         stated = {"estimator": estimator, "surface": {"same": True}, "region": regions}
         create_campaign(folder, {**SIMULATED, **stated})
-    settings = ["simulation.speed=max"]
+    settings = [f"simulation.speed={speed}"]
     if fault is not None:
         settings.append(f'simulation.faults=["{fault}"]')
     return load_config(folder / FILE_NAME, settings=settings)

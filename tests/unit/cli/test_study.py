@@ -113,7 +113,9 @@ def test_field_figures_of_a_recorded_session(tmp_path):
     # the demo's clear winter day: beds of 5, 15 and 25 degrees whose truth is in the session
     from fieldkit.cli import main
 
-    made = CliRunner().invoke(main, ["demo", "-C", str(tmp_path), "--out", "demo"], catch_exceptions=False)
+    made = CliRunner().invoke(
+        main, ["demo", "--fast", "-C", str(tmp_path), "--out", "demo"], catch_exceptions=False
+    )
     assert made.exit_code == 0
     (session,) = (tmp_path / "demo" / "recordings").glob("*.h5")
     document = json.loads(run(tmp_path / "study", *FEW, "--session", str(session), "--json").stdout)

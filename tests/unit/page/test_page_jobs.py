@@ -18,7 +18,7 @@ def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(tmp_pat
     monkeypatch.chdir(tmp_path)
 
     async def page() -> None:
-        asyncio.create_task(_fieldkit("demo")).add_done_callback(ended.append)
+        asyncio.create_task(_fieldkit("demo", "--fast")).add_done_callback(ended.append)
         await asyncio.sleep(0.5)  # until the process has begun
 
     ended: list[asyncio.Task[tuple[int, str, str]]] = []
