@@ -56,8 +56,8 @@ def suggest_regions(
     Examples
     --------
     >>> for suggestion in fieldkit.suggest_regions("dunes"):                               # doctest: +SKIP
-    ...     region, is_flat = suggestion.region, suggestion.region.kind.name == "REFERENCE"
-    ...     dunes.add_region(region.name, points=region.points_px, reference=is_flat)
+    ...     region, kind = suggestion.region, suggestion.region.kind.name.lower()
+    ...     dunes.add_region(region.name, points=region.points_px, kind=kind)
     """
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)

@@ -94,7 +94,7 @@ def test_by_python(tmp_path, monkeypatch, size, beds):
     dunes = campaign(tmp_path / "c", *size)
     for suggestion in suggest_regions(dunes):
         region = suggestion.region
-        dunes.add_region(region.name, points=region.points_px, reference=region.kind is RegionKind.REFERENCE)
+        dunes.add_region(region.name, points=region.points_px, kind=region.kind.name.lower())
     with fieldkit.record(dunes, duration="10m") as session:
         slopes = [{"region": slope.region, "tilt_deg": slope.tilt_deg} for slope in recorded_slopes(session)]
     assert_true_slopes(slopes, dunes.regions, size, beds)
