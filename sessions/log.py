@@ -180,8 +180,9 @@ class LogReader:
         self._size, self._inode = stat.st_size, (stat.st_dev, stat.st_ino)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Let go of the file, and of what was read of it."""
         self._file.close()
+        self._window = b""
 
     @property
     def part(self) -> int:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldkit.estimation.learned.inputs import MinuteInputs
-from fieldkit.model.arrays import FloatArray
+from fieldkit.model.arrays import BoolArray, FloatArray
 
 OWN_MINUTES = 4.0
 """Time constant of what a region does alone.
@@ -86,7 +86,8 @@ def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
     own = max(far - near, 0.0) / (shapes[FAR] - shapes[NEAR])
     white = max(near - shapes[NEAR] * own, 0.0) / 6.0
     # gusts of its own reach a region smoothed by the ground, and so show about twice over the longest
-    beyond = max(_alone(kelvin, LONG, OF_ALL) - 6.0 * white - 2.0 * shapes[LONG] * own, 0.0)
+    steady = np.where(_warms_again(minutes), np.nan, kelvin)
+    beyond = max(_alone(steady, LONG, OF_ALL) - 6.0 * white - 2.0 * shapes[LONG] * own, 0.0)
     share = len(kelvin) / (len(kelvin) + WORTH_MINUTES)
     own = share * own + (1.0 - share) * OWN_K**2
     white = share * white + (1.0 - share) * configured_k**2
@@ -94,6 +95,12 @@ def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
     own_minutes = (own * OWN_MINUTES + lasting * LONG) / (own + lasting)
     own_k = max(math.sqrt(own + lasting), LEAST_K)
     return Noise(min(max(math.sqrt(white), LEAST_K), configured_k), own_k, own_minutes)
+
+
+def _warms_again(minutes: Sequence[MinuteInputs]) -> BoolArray:
+    """Whether each region is in shade or was a moment ago, (minutes, regions): others do not explain its course."""
+    hidden = np.array([(minute.shaded > 0.0) | (minute.sunlit < 1.0) for minute in minutes])
+    return np.array([hidden[max(row - LONG, 0) : row + 1].any(axis=0) for row in range(len(hidden))])
 
 
 def _shape(lag: int, minutes: float) -> float:

@@ -88,7 +88,7 @@ def test_from_a_recording_without_regions_to_slopes_as_the_tutorial_says(undrawn
     (path,) = (undrawn / "recordings").glob("*.h5")
     succeed("report", path)
     page = (undrawn / "reports" / f"{path.stem}.html").read_text(encoding="utf-8")
-    assert "160 x 120 pixels" in page
+    assert "160 x 120" in page
     for tick in range(0, 160, 20):
         assert f">{tick}</text>" in page
     draw(undrawn)

