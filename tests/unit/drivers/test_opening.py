@@ -13,7 +13,7 @@ from fieldkit.drivers.ports import SerialPort
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
-from tests.unit.drivers.meters.test_ut325_bridge import Ch9325
+from tests.unit.drivers.meters.test_ut325 import Ch9325
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 VIDEO = ("purethermal", "p2pro", "boson", "ht301", "thermal-master", "tc002c", "y16")
