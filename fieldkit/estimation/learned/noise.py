@@ -98,7 +98,7 @@ def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
 
 
 def _warms_again(minutes: Sequence[MinuteInputs]) -> BoolArray:
-    """Whether each region is or was in shade within `LONG`, (minutes, regions): it takes a course of its own."""
+    """Whether each region is, or was within `LONG`, in shade (minutes, regions): its course is its own."""
     hidden = np.array([(minute.shaded > 0.0) | (minute.sunlit < 1.0) for minute in minutes])
     return np.array([hidden[max(row - LONG, 0) : row + 1].any(axis=0) for row in range(len(hidden))])
 
