@@ -250,13 +250,12 @@ class LogReader:
 
     def _read(self, at: int, size: int) -> bytes:
         """Bytes of the file; none where the disk does not give them, nor a moment later."""
-        first = at - self._window_at
-        if not 0 <= first <= len(self._window) - size:
+        if not 0 <= at - self._window_at <= len(self._window) - size:
             try:
                 self._patience(partial(self._read_window, at, size))
             except OSError:
                 return b""
-            first = 0
+        first = at - self._window_at
         return self._window[first : first + size]
 
     def _read_window(self, at: int, size: int) -> None:

@@ -48,7 +48,7 @@ def announcements_stay_here() -> Generator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_home(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
-    """Tests neither read nor change the configuration, the kept results and the logs of whoever runs them."""
+    """Tests neither read nor change the configuration, cached results and logs of the user who runs them."""
     home = folder_of_run(tmp_path_factory) / "home"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MPLCONFIGDIR", str(user_cache_path("matplotlib")))  # its list of fonts takes seconds

@@ -126,9 +126,7 @@ def fill(writer: SessionWriter, frames: int, clock: HostClock | CountedClock) ->
 
 def recorded(path: Path, head: SessionHeader, frames: int) -> list[Sample]:
     """Record a session of so many frames, and seal it; returns its samples."""
-    clock = CountedClock()
-    writer = SessionWriter(path, head, clock)
-    appended = fill(writer, frames, clock)
+    writer, appended = _filled(path, head, frames)
     writer.close()
     return appended
 
@@ -144,11 +142,15 @@ def session_of(path: Path, head: SessionHeader, *entries: Any) -> Path:
 
 def interrupted(path: Path, head: SessionHeader, frames: int) -> list[Sample]:
     """Record so many frames and leave the session to recovery; returns its samples."""
-    clock = CountedClock()
-    writer = SessionWriter(path, head, clock)
-    appended = fill(writer, frames, clock)
+    writer, appended = _filled(path, head, frames)
     writer.abandon()
     return appended
+
+
+def _filled(path: Path, head: SessionHeader, frames: int) -> tuple[SessionWriter, list[Sample]]:
+    clock = CountedClock()
+    writer = SessionWriter(path, head, clock)
+    return writer, fill(writer, frames, clock)
 
 
 def _samples(head: SessionHeader, frames: int, clock: HostClock | CountedClock) -> Iterator[Sample]:

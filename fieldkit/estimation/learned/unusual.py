@@ -3,9 +3,9 @@
 The filters take a wide prior. Whether a bed needs it is decided afterwards, under each hypothesis: with the
 usual, narrow prior a state of the filter's mean m and variance s² is as if it had been measured once more, as
 0 with the variance r, ``1 / r = 1 / narrow² - 1 / wide²``, and the narrow prior is ``wide / narrow
-sqrt(r / (s² + r)) exp(-m² / (2 (s² + r)))`` times as probable by the minutes as the wide one. Of a state that
-is a mixture of both, mean and covariance are kept (M. West and J. Harrison, Bayesian Forecasting and Dynamic
-Models, 2nd ed., Springer, 1997, section 12.3).
+sqrt(r / (s² + r)) exp(-m² / (2 (s² + r)))`` times as probable by the minutes as the wide one. The
+mixture of both goes on as a normal distribution of its mean and covariance (M. West and J. Harrison, Bayesian
+Forecasting and Dynamic Models, 2nd ed., Springer, 1997, section 12.3).
 """
 
 from __future__ import annotations
