@@ -86,6 +86,7 @@ def _region_tables(beds: Mapping[str, tuple[float, float]] | None) -> list[Mappi
     ]
 
 
+PROBES_EVERY_S = 10.0
 KNOWN_BED = "b15"
 """Bed of the demo whose slope is stated: it shows the gain, and the others check it."""
 
@@ -96,8 +97,10 @@ def demo_campaign(folder: Path, *, speed: float | Literal["max"], fault: str | N
         estimator = {"azimuth": "known", "window_s": PAPER_WINDOW_S}
         kinds: dict[str, dict[str, str]] = {KNOWN_BED: {"kind": "reference"}}
         regions = [{**region, **kinds.get(region["name"], {})} for region in SIMULATED["region"]]
+        # probes in sand change slowly, and every reading takes its time
+        thermometer = {**SIMULATED["thermometer"], "every_s": PROBES_EVERY_S}
         stated = {"estimator": estimator, "surface": {"same": True}, "region": regions}
-        create_campaign(folder, {**SIMULATED, **stated})
+        create_campaign(folder, {**SIMULATED, **stated, "thermometer": thermometer})
     settings = [f"simulation.speed={speed}"]
     if fault is not None:
         settings.append(f'simulation.faults=["{fault}"]')

@@ -5,20 +5,23 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from markupsafe import Markup
 
 from fieldkit.calibration.calibration_record import records_of
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.estimator_keys import Model
 from fieldkit.model.device import find_camera, regions_on
 from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import is_usable
+from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results import sources
@@ -39,13 +42,8 @@ from fieldkit.views.session_image import ShownFrame, session_image
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
-    from fieldkit.estimation.estimator_keys import Model
     from fieldkit.estimation.statistics import SdKind
     from fieldkit.model.samples import Frame
-
-
-COMPARED: tuple[Model, ...] = ("paper", "full", "learned")
-"""Models that the error budget compares with the one that was used."""
 
 
 @dataclass(frozen=True)
@@ -180,18 +178,19 @@ def _report_session(
                 out.write_bytes(image)
             return out
         records, regions = config.calibrations(), minutes.schedule.latest
-        cautions = emissivity_findings(minutes.minutes(), regions, records)
+        estimated = minutes.minutes()
+        cautions = emissivity_findings(estimated, regions, records)
         with writing(out):
             data = ReportData(
                 session,
-                minutes.minutes(),
+                estimated,
                 minutes.settings,
                 minutes.site,
                 regions,
                 config.to_toml(),
                 sd=options.sd,
                 frame=middle_frame(session),
-                by_others=by_other_models(minutes),
+                by_others=by_other_models(minutes, estimated),
                 command_line=command_line(),
                 is_recordings=minutes.measured.is_recordings,
                 budgets=minutes.estimates().budgets,
@@ -252,9 +251,21 @@ def middle_frame(session: SessionReader) -> Frame | None:
     return next((frame for frame in frames if is_usable(frame.quality)), None)
 
 
-def by_other_models(known: SessionMinutes) -> dict[str, list[Minute]]:
-    """The same minutes with slopes by the other `COMPARED` models."""
-    return {model: known.minutes(model) for model in COMPARED if model != known.settings.model}
+def by_other_models(
+    known: SessionMinutes, minutes: Sequence[Minute]
+) -> dict[Model, tuple[SlopeEstimate, ...]]:
+    """The slopes by each other model at the last minute that has one by the model that was used."""
+    solved = [
+        row for row, minute in enumerate(minutes) if {slope.state for slope in minute.estimates} & set(SOLVED)
+    ]
+    if not solved:
+        return {}
+    history = known.measured.history.until(solved[-1] + 1)
+    return {
+        model: SlopeChain(known.schedule, replace(known.settings, model=model)).at_once(history).slopes
+        for model in get_args(Model)
+        if model != known.settings.model
+    }
 
 
 # One image of a session for a slide

@@ -49,7 +49,7 @@ SETTLED_SDS = 0.3
 
 Judged: because slopes move by less than a thirtieth of their half-width by it.
 """
-LONGER = 1.25
+LONGER = 1.5
 """Length of the chain over that at the last draw from which a new draw may be due.
 
 Judged: because a draw takes all minutes again: growing by a share keeps the cost of a session linear.

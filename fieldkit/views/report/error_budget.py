@@ -17,7 +17,7 @@ from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.arrays import BoolArray, FloatArray
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import BODIES
@@ -26,7 +26,6 @@ from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
 from fieldkit.views import formatting, learnt_words
 from fieldkit.views.html import Table, strong
-from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import ReportData, Series, TargetSeries
 
 OFFSET_K = 0.3
@@ -41,10 +40,8 @@ GUM = (
     "Share of each input in the variance of the tilt (JCGM 100:2008). Type A: known from this session's "
     "minutes; B: from the prior. Uncertainties without a unit are relative. A negative share offsets others."
 )
-MODELS = (
-    "The same minutes by each model: final tilt, mean absolute error, and share of the minutes whose "
-    "likelihood region holds the given tilt."
-)
+MODELS = "The same minutes by each model: tilts at the last minute with a slope. Bold: used above."
+"""Caption of the table of models."""
 MODEL_WORDS: Mapping[Model, str] = {
     "paper": "The slopes above were estimated without them.",
     "full": "The slopes above are by the full model, which includes them as configured.",
@@ -66,7 +63,7 @@ def error_budget(data: ReportData) -> Mapping[str, object] | None:
         "summary": _omitted_words(data, budgets),
         "meaning": GUM if data.budgets else "",
         "slopes": [_slope_table(name, terms) for name, terms in data.budgets.items()],
-        "models": model_table(data) if data.others else None,
+        "models": model_table(data) if data.by_others else None,
         "contributions": Table(columns, cause_rows(budgets), caption),
         "advice": _advice(budgets),
     }
@@ -90,31 +87,16 @@ def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:
 
 
 def model_table(data: ReportData) -> Table:
-    """The final slope of each target by each model, its error, and whether regions hold the given tilt."""
-    chosen = data.settings.model
-    by_model = {**data.others, chosen: data.columns}
-    rows = [
-        _model_row(strong(model) if model == chosen else model, columns)
-        for model in get_args(Model)
-        if (columns := by_model.get(model)) is not None
-    ]
-    names = (target.region.name for target in data.columns.targets)
-    return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} Bold: used above.")
-
-
-def _model_row(name: object, columns: Series) -> list[object]:
-    holds = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
-    minutes = np.concatenate(holds) if holds else np.empty(0)
-    share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
-    tilts = (target.final_words for target in columns.targets)
-    return [name, *tilts, formatting.number(mean_error(columns), 1), share]
-
-
-def _holds_truth(target: TargetSeries) -> BoolArray:
-    """Whether the likelihood region holds the given tilt, for each minute with an estimate."""
-    truth = target.region.tilt_deg
-    is_inside = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)
-    return np.asarray(is_inside[target.is_estimate])
+    """The final slope of each target by each model."""
+    used, names = data.settings.model, [target.region.name for target in data.columns.targets]
+    finals = [target.final_estimate for target in data.columns.targets]
+    by_model = {**data.by_others, used: [final for final in finals if final is not None]}
+    rows = []
+    for model in (model for model in get_args(Model) if model in by_model):
+        tilts = {slope.region: formatting.tilt(slope) for slope in by_model[model]}
+        cells = (tilts.get(name, formatting.UNKNOWN) for name in names)
+        rows.append([strong(model) if model == used else model, *cells])
+    return Table(("model", *names), rows, MODELS)
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:

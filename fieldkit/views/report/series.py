@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fieldkit.estimation.budget import BudgetTerm
+from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import (
     SdKind,
@@ -280,7 +281,7 @@ class ReportData:
 
     `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`). `site`, `regions`
     and `config_toml` are those of the estimator, as an imported session has none of its own. `by_others` are
-    the same samples estimated with other surface models, by their names, `budgets` the uncertainty budget of
+    the final slopes by the other models, `budgets` the uncertainty budget of
     each slope by region, with the learned model, `checks` the references as all others show them; `frame` is
     the one to show, `command_line` what was typed.
     `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one;
@@ -296,7 +297,7 @@ class ReportData:
     config_toml: str
     sd: SdKind = "paper"
     frame: Frame | None = None
-    by_others: Mapping[str, Sequence[Minute]] = field(default_factory=dict)
+    by_others: Mapping[Model, Sequence[SlopeEstimate]] = field(default_factory=dict)
     command_line: str = ""
     is_recordings: bool = False
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
@@ -309,11 +310,6 @@ class ReportData:
     def columns(self) -> Series:
         """The minutes side by side."""
         return series(self.minutes, self.regions)
-
-    @cached_property
-    def others(self) -> Mapping[str, Series]:
-        """Those of the other models."""
-        return {model: series(minutes, self.regions) for model, minutes in self.by_others.items()}
 
     @cached_property
     def events(self) -> Sequence[Event]:
