@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fieldkit.results.export import Export
 
 MOST_NAMES = 10
-FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format in EXPORTS.items())
+FORMATS = "\n".join(f"{name:<10} {export_format.meaning}" for name, export_format in EXPORTS.items())
 
 
 # options but --speed go into `export` under its own names
