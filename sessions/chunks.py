@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,24 +23,6 @@ from fieldkit.sessions.layout import Column
 
 _LEVEL = 1  # of the ISA-L library: higher ones take longer and gain nothing on noise
 _ROWS_WAITING = 1024
-
-
-@dataclass(frozen=True, slots=True)
-class PackedChunk:
-    """One chunk as it lies in the file: its dataset, first row and column, packed bytes."""
-
-    dataset: str
-    corner: tuple[int, int]
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class PackedBlock:
-    """A whole block of a camera as another file has it: the columns of its samples, and every chunk."""
-
-    stream: str
-    rows: list[dict[str, Any]]
-    chunks: list[PackedChunk]
 
 
 def pack(chunk: CountArray) -> bytes:
@@ -152,14 +133,6 @@ class FrameWriter:
             self._write_chunk((start, *corner), data, crc32)
             for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True)
         ]
-
-    def copy(self, chunks: Iterable[PackedChunk]) -> None:
-        """Write those of the chunks that are of this dataset; the block before them must be complete."""
-        start, self.length = self.length, self.length + self.depth
-        self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        for chunk in chunks:
-            if chunk.dataset == self._dataset.name:
-                self._dataset.id.write_direct_chunk((start, *chunk.corner), chunk.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
         self._places.clear()  # a week of recording has as many sizes as chunks

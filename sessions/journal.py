@@ -29,7 +29,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
+from fieldkit.disk import sync, sync_data
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.layout import FORMAT_VERSION, SessionHeader, check_version
@@ -75,7 +75,7 @@ class SessionIdentity:
         text is none.
         """
         version, *fields = json.loads(text)
-        check_version(folder, str(version) if len(fields) == 8 else "1")
+        check_version(folder, str(version))
         part, device, inode, boot, session_id, start_ns, anchor_ns, header = fields
         if max(abs(int(start_ns)), abs(int(anchor_ns))) >= 2**63:
             raise ValueError("times that no clock shows")
@@ -275,7 +275,7 @@ SYNC_EVERY_S = 1.0
 
 
 class SyncThread(threading.Thread):
-    """Syncs the journal once a second, and has the disk begin in between when much is written.
+    """Syncs the journal once a second.
 
     `failed` is called when the disk did not confirm, or the journal was deleted; `took_ms` is how long the
     last sync took.
@@ -286,47 +286,20 @@ class SyncThread(threading.Thread):
         self.took_ms: float = 0.0
         self._journal = journal
         self._failed = failed
-        self._wake = threading.Event()
-        self._stopping = False
+        self._stopping = threading.Event()
         self._first = 1
-        self._seen_bytes = 0
-        self._begun = (1, 0)  # part, bytes of its log
         self._is_there = True
 
     def run(self) -> None:
         """Until `stop`."""
-        due = time.monotonic() + SYNC_EVERY_S
-        while not self._stopping:
-            if self._wake.wait(max(due - time.monotonic(), 0.0)):
-                self._wake.clear()
-                self._begin()
-            else:
-                self._sync()
-                due = time.monotonic() + SYNC_EVERY_S
-
-    def grown(self) -> None:
-        """To be called when the journal has grown; returns at once."""
-        if self._journal.bytes_written - self._seen_bytes >= BEGIN_BYTES:
-            self._seen_bytes = self._journal.bytes_written
-            self._wake.set()
+        while not self._stopping.wait(SYNC_EVERY_S):
+            self._sync()
 
     def stop(self) -> None:
         """End, after a last sync."""
-        self._stopping = True
-        self._wake.set()
+        self._stopping.set()
         self.join()
         self._sync()
-
-    def _begin(self) -> None:
-        number = self._journal.number
-        start = self._begun[1] if self._begun[0] == number else 0
-        try:
-            with self._journal.part_path(number).open("rb", buffering=0) as file:
-                end = os.fstat(file.fileno()).st_size
-                begin_sync(file.fileno(), start, end - start)
-        except OSError:
-            return  # nothing was promised; the sync will report it
-        self._begun = number, end
 
     def _sync(self) -> None:
         began = time.monotonic()

@@ -151,16 +151,13 @@ class SampleRow:
             return None
         return sample if matches else None
 
-    def columns(self) -> dict[str, Any]:
-        """Values of the sample in the session file's columns."""
-        return {**sample_fields.to_columns(self.stamps), "crc32": self.crc32}
-
 
 def build_sample(info: StreamInfo, stamps: sample_fields.Stamps, data: bytes, more: bytes) -> Sample:
     """A sample from its stored bytes; raises `ValueError` if they do not fill what was declared."""
+    numbers = sample_fields.by_attribute(stamps, is_frame=info.is_camera)
     if info.is_camera:
         counts = np.frombuffer(data, "<u2").reshape(info.shape)
         rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
-        return Frame(info.name, counts=counts, metadata_rows=rows, **sample_fields.of_frame(stamps))
+        return Frame(info.name, counts=counts, metadata_rows=rows, **numbers)
     values = np.frombuffer(data, "<f8").reshape(info.shape)
-    return Reading(info.name, values=tuple(values.tolist()), raw=more, **sample_fields.of_reading(stamps))
+    return Reading(info.name, values=tuple(values.tolist()), raw=more, **numbers)

@@ -8,7 +8,6 @@ finished session changes nothing. Only when the disk has confirmed that step doe
 from __future__ import annotations
 
 import errno
-import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,14 +21,13 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from fieldkit.disk import Patience, put_in_place
-from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError, message_of
+from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.sessions.chunks import PackedBlock
 from fieldkit.sessions.file_tree import put_rows
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import session_numbers
-from fieldkit.sessions.layout import RECOVERED, SEALED, check_version
+from fieldkit.sessions.layout import RECOVERED, SEALED
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked, journal_path
 from fieldkit.sessions.log import session_number
 from fieldkit.sessions.reader import open_session
@@ -37,8 +35,6 @@ from fieldkit.sessions.salvage import LostRange, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
 from fieldkit.sessions.superblock import CHECK_PATH
-
-log: logging.Logger = logging.getLogger(__name__)
 
 FRESH = ".recovering"
 """Ending of the new file until it takes the session's place."""
@@ -121,8 +117,6 @@ def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     if is_locked(folder):
         fix = "wait until the recording has ended, or stop it: " + Action.STOP()
         raise RefusedError("in use: it is being recorded", place=path, fix=fix)
-    if any(folder.glob("*.sqlite")):  # what is not a log would be taken for nothing and removed
-        check_version(folder, "1")
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
     with SessionLock(folder, RECOVERY):
@@ -192,12 +186,7 @@ def rebuild(
     they were: only recovery may finish such a session, because it reports what is missing.
     """
     fresh = path.with_name(path.name + FRESH)
-    try:
-        report, salvage = _make(path, fresh, state, notes, packed=True)
-    except (IntegrityError, ValueError, TypeError, OverflowError) as error:
-        # a block that was taken as it was does not verify
-        log.warning("recovering %s sample by sample: %s", path, message_of(error))
-        report, salvage = _make(path, fresh, state, notes, packed=False)
+    report, salvage = _make(path, fresh, state, notes)
     _take_place(fresh, path, keep_as)
     return replace(report, path=path), salvage
 
@@ -215,13 +204,11 @@ def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
     put_in_place(fresh, path)
 
 
-def _make(
-    path: Path, fresh: Path, state: int, notes: Sequence[Event], *, packed: bool
-) -> tuple[SealReport, Salvage]:
+def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
     """The new file, sealed."""
     fresh.unlink(missing_ok=True)
     try:
-        with Salvage(path, packed=packed) as salvage:
+        with Salvage(path) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and (salvage.lost or salvage.lost_entries):
             losses = [*(f"{run.stream}: {run.count} samples lost" for run in salvage.lost), *salvage.damage]
@@ -239,11 +226,8 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, report: boo
         file = SessionFile(fresh, salvage.identity, pool, swmr=False)
         try:
             for name in salvage.statistics:
-                for piece in salvage.samples(name):
-                    if isinstance(piece, PackedBlock):
-                        file.put_packed(piece)
-                    else:
-                        file.put(piece)
+                for sample, crc32 in salvage.samples(name):
+                    file.put(sample, crc32)
             for entry in salvage.entries():
                 file.put(entry)
             end_ns = max((stats.last_ns for stats in salvage.statistics.values()), default=0)

@@ -1,7 +1,6 @@
 """Readable remains of an interrupted session: its journal, its file, and the file's loose chunks.
 
-A block of frames that the file has whole is taken as it is, packed; of everything else, each
-sample is looked for in the journal, then in the session file, then in the chunks whose places the
+Each sample is looked for in the journal, then in the session file, then in the chunks whose places the
 journal remembers (they survive even a file whose own index is destroyed). A sample counts only if
 its checksum matches.
 """
@@ -9,7 +8,7 @@ its checksum matches.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
@@ -22,21 +21,17 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample
-from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
+from fieldkit.sessions.chunks import read_chunk, unpack
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import FRAME_DATASETS, TIME_MAP_COLUMNS, block_rows, chunk_shape, entry_columns
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, entry_readers, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, SampleRow, sample_bytes, sample_crc32
-from fieldkit.sessions.sample_fields import of_frame
 from fieldkit.sessions.stored import DEFLATE_RATIO, columns_of, whole_rows
 from fieldkit.sessions.time_map import corrections, row_crc32s
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
-
-Rows = dict[int, SampleRow]
-"""Rows of the journal by the numbers of their samples."""
 
 _UNREADABLE = (SessionError, OSError, RuntimeError, ValueError, KeyError)
 _CUT_IMPORT = "it was being imported, and the rest of its source is missing: delete it and import it again"
@@ -45,14 +40,12 @@ _CUT_IMPORT = "it was being imported, and the rest of its source is missing: del
 class Salvage:
     """Both sides of an interrupted session, opened for reading; a context manager.
 
-    Without `packed` no block is taken as it is. Raises `SessionError` where neither the file nor
-    the journal can be read.
+    Raises `SessionError` where neither the file nor the journal can be read.
     """
 
-    def __init__(self, path: Path, *, packed: bool = True) -> None:
+    def __init__(self, path: Path) -> None:
         self._damage: list[str] = []
         self._path = path
-        self._packed = packed
         self._is_import = self._file_is_ahead = False
         self.lost_entries: int = 0
         with ExitStack() as stack:
@@ -104,9 +97,7 @@ class Salvage:
         """The journal of the file's session; without the file of that which most of its logs are of."""
         identity = self._session.identity if self._session is not None else None
         try:
-            journal = stack.enter_context(JournalReader(journal_path(self._path), identity))
-            journal.compare_sizes()
-            return journal
+            return stack.enter_context(JournalReader(journal_path(self._path), identity))
         except FormatError:
             raise
         except SessionError as error:
@@ -115,45 +106,31 @@ class Salvage:
                 fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
             ) from error
 
-    def samples(self, stream: str) -> Iterator[Sample | PackedBlock]:
-        """Every sample of a stream that can be had, by number; whole blocks of frames in one piece."""
+    def samples(self, stream: str) -> Iterator[tuple[Sample, int]]:
+        """Every sample of a stream that can be had, by number, with its checksum."""
         place = [info.name for info in self.identity.header.streams].index(stream)
         info, stats = self.identity.header.streams[place], self.statistics[stream]
         stored = StoredSamples(self._session, info, self._damage)
-        loose = LooseChunks(self._path, self._session, self._journal, info)
+        loose = LooseChunks(self._path, self._journal, info)
         numbers = np.union1d(self._journal.numbers(place), stored.numbers)
         for block in _parts(numbers, numbers // block_rows(info)):
             rows = {row.seq: row for row in self._journal.rows(place, int(block[0]), int(block[-1]))}
-            if (packed := self._packed_block(info, loose, block, rows, stats)) is not None:
-                yield packed
-                continue
+            ours = {seq: sample for seq, row in rows.items() if (sample := row.sample(info))}
+            theirs = stored.samples([seq for seq in block.tolist() if seq not in ours])
             for seq in block.tolist():
                 row = rows.get(seq)
-                sample = (row.sample(info) if row else None) or stored.get(seq)
-                sample = sample or (loose.get(row) if row else None)
+                sample = ours.get(seq) or theirs.get(seq) or (loose.get(row) if row else None)
                 if sample is not None and seq >= stats.next_seq:
-                    stats.from_journal += not stored.has(seq)
-                    stats.from_file += seq not in rows
-                    stats.keep(seq, sample.time_ns, sample_crc32(sample, *sample_bytes(sample)))
-                    yield sample
+                    stats.from_journal += seq not in stored.rows
+                    stats.from_file += row is None
+                    crc32 = sample_crc32(sample, *sample_bytes(sample))
+                    stats.keep(seq, sample.time_ns, crc32)
+                    yield sample, crc32
         written = self._journal.written[place]
         stats.lose(max(stored.total, written), 0)
         self._file_is_ahead |= stored.total > written
         if stats.from_file and not self._is_finished:
             self._damage.append(f"{stream}: the journal lacks {stats.from_file} samples of the session file")
-
-    def _packed_block(
-        self, info: StreamInfo, loose: LooseChunks, block: IntArray, rows: Rows, stats: RecoveryStatistics
-    ) -> PackedBlock | None:
-        """The block of these samples, if both sides have it whole and nothing before it is lost."""
-        is_whole = info.is_camera and len(block) == len(rows) == block_rows(info)
-        if not (self._packed and is_whole and block[0] == stats.kept):
-            return None
-        if (chunks := loose.pack(int(block[0]))) is None:
-            return None
-        for row in rows.values():
-            stats.keep(row.seq, of_frame(row.stamps)["time_ns"], row.crc32)
-        return PackedBlock(info.name, [row.columns() for row in rows.values()], chunks)
 
     def entries(self) -> Iterator[Entry]:
         """Everything but samples: from the journal, and from the file what a damaged journal lost."""
@@ -302,91 +279,58 @@ class RecoveryStatistics:
 
 
 class StoredSamples:
-    """Samples of one stream in the session file, by number; a block at a time is kept.
+    """Samples of one stream in the session file, by number.
 
-    `numbers` are those of the rows whose bytes are there, `total` how many were ever given.
+    `rows` has the row of each number whose bytes are there, `total` is how many numbers were ever given.
     """
 
     def __init__(self, session: SessionReader | None, info: StreamInfo, damage: list[str]) -> None:
-        self._reader = session.stream(info.name) if session is not None else None
         self._damage = damage
-        self._step = block_rows(info)
-        self._first, self._block = -1, list[Sample]()
         self.numbers: IntArray = np.empty(0, np.int64)
-        self._whole: IntArray = np.empty(0, np.int64)
+        self.rows: dict[int, int] = {}
         self.total: int = 0
         if session is not None:
+            self._reader = session.stream(info.name)
             try:
                 self._count_up(session.path.stat().st_size)
             except (SessionError, OSError, RuntimeError) as error:
                 damage.append(f"{info.name}: {message_of(error)}")
-        self._rows = dict(zip(self.numbers.tolist(), self._whole.tolist(), strict=True))
 
     def _count_up(self, end: int) -> None:
-        assert self._reader is not None
-        self._whole = self._reader.whole_rows(end)
-        runs = _parts(self._whole, self._whole - np.arange(len(self._whole)))
-        spans = [(int(run[0]), int(run[-1]) + 1) for run in runs]
-        numbers = [self._reader.column("seq", start, stop) for start, stop in spans]
+        whole = self._reader.whole_rows(end)
+        runs = _parts(whole, whole - np.arange(len(whole)))
+        numbers = [self._reader.column("seq", int(run[0]), int(run[-1]) + 1) for run in runs]
         self.numbers = np.concatenate([self.numbers, *numbers])
+        self.rows = dict(zip(self.numbers.tolist(), whole.tolist(), strict=True))
         self.total = self._claimed = self._reader.claimed
 
-    def has(self, seq: int) -> bool:
-        """True if the file has a row of that number."""
-        return seq in self._rows
-
-    def get(self, seq: int) -> Sample | None:
-        """The sample, if it is there and whole."""
-        row = self._rows.get(seq)
-        if row is None:
-            return None
-        first = row - row % self._step
-        if first != self._first:
-            self._first, self._block = first, self._read(first)
-        sample = self._block[row - first] if row - first < len(self._block) else None
-        if sample is None or sample.quality & Quality.BAD_CRC or sample.seq != seq:
-            return None
-        self.total = max(self.total, self._claimed + seq - row)  # numbers that an earlier recovery lost
-        return sample
-
-    def _read(self, first: int) -> list[Sample]:
-        assert self._reader is not None
+    def samples(self, numbers: Iterable[int]) -> dict[int, Sample]:
+        """Those of the samples that are there and whole, by number."""
+        rows = [self.rows[seq] for seq in numbers if seq in self.rows]
+        whole: dict[int, Sample] = {}
+        if not rows:
+            return whole
+        first = min(rows)
         try:
-            last = int(self._whole[np.searchsorted(self._whole, first + self._step) - 1])
-            return list(self._reader.samples(first, last + 1, recorded=True))
+            stored = self._reader.samples(first, max(rows) + 1, recorded=True)
+            for row, sample in enumerate(stored, start=first):
+                if not sample.quality & Quality.BAD_CRC and self.rows.get(sample.seq) == row:
+                    whole[sample.seq] = sample
+                    # numbers that an earlier recovery lost
+                    self.total = max(self.total, self._claimed + sample.seq - row)
         except _UNREADABLE as error:
             self._damage.append(f"{self._reader.info.name}, rows from {first}: {message_of(error)}")
-            return []
+        return whole
 
 
 class LooseChunks:
     """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
-    def __init__(
-        self, path: Path, session: SessionReader | None, journal: JournalReader, info: StreamInfo
-    ) -> None:
+    def __init__(self, path: Path, journal: JournalReader, info: StreamInfo) -> None:
         self._path = path
-        self._session = session
         self._journal = journal
         self._info = info
         self._blocks: dict[str, tuple[int, CountArray | None]] = {}
-
-    def pack(self, start: int) -> list[PackedChunk] | None:
-        """Every chunk of the block that begins with that row, packed; None if one is not as written."""
-        if self._session is None:
-            return None
-        chunks = []
-        for dataset in self._session.stream(self._info.name).frame_datasets:
-            if dataset.shape[0] < start + dataset.chunks[0]:
-                return None
-            latest = {(chunk.y, chunk.x): chunk for chunk in self._journal.chunks(dataset.name, start)}
-            for corner in corners(dataset):
-                chunk = latest.get(corner)
-                data = read_chunk(self._path, chunk) if chunk is not None else None
-                if data is None:
-                    return None
-                chunks.append(PackedChunk(dataset.name, corner, data))
-        return chunks
 
     def get(self, row: SampleRow) -> Sample | None:
         """The frame of a row, put together from the chunks that can be read."""

@@ -7,14 +7,13 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import repeat
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
 
 from fieldkit.model.arrays import AnyArray, FlagArray
-from fieldkit.model.samples import NO_COUNTER, Frame, Quality, Sample
+from fieldkit.model.samples import NO_COUNTER, Quality, Sample
 
 Stamps = tuple[Any, ...]
 """The numbers of a sample in the order of `SAMPLE_FIELDS`."""
@@ -61,7 +60,6 @@ SAMPLE_FIELDS: tuple[SampleField, ...] = (
 
 ATTRIBUTES = tuple(field.attribute for field in SAMPLE_FIELDS)
 _OF_ALL = tuple(field.attribute for field in SAMPLE_FIELDS if not field.of_frames)
-_UNKNOWN = tuple(field.fill for field in SAMPLE_FIELDS if field.of_frames)
 _TIME, _SEQ, _FLAGS = (ATTRIBUTES.index(name) for name in ("time_ns", "seq", "quality"))
 _CHECKED = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS))
 _CHECKED_COLUMNS = np.dtype([(field.column, field.dtype) for field in SAMPLE_FIELDS])
@@ -69,24 +67,15 @@ _JOURNAL = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS if 
 STAMPS_BYTES = _JOURNAL.size
 """Of a journalled sample, what stands before its bytes."""
 
-_frame_stamps, _reading_stamps = attrgetter(*ATTRIBUTES), attrgetter(*_OF_ALL)
-
 
 def stamps_of(sample: Sample) -> Stamps:
     """The numbers of a sample; those of frames alone, which come last, are unknown of a reading."""
-    if isinstance(sample, Frame):
-        return tuple(_frame_stamps(sample))
-    return (*_reading_stamps(sample), *_UNKNOWN)
+    return tuple(getattr(sample, field.attribute, field.fill) for field in SAMPLE_FIELDS)
 
 
-def of_frame(stamps: Stamps) -> dict[str, Any]:
-    """The numbers of a frame by their attributes."""
-    return dict(zip(ATTRIBUTES, stamps, strict=True))
-
-
-def of_reading(stamps: Stamps) -> dict[str, Any]:
-    """Those that a reading has, by their attributes."""
-    return dict(zip(_OF_ALL, stamps, strict=False))
+def by_attribute(stamps: Stamps, *, is_frame: bool) -> dict[str, Any]:
+    """The numbers that a frame or a reading has, by their attributes."""
+    return dict(zip(ATTRIBUTES if is_frame else _OF_ALL, stamps, strict=False))
 
 
 def to_columns(stamps: Stamps) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import numpy as np
 from fieldkit.disk import sync
 from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
-from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
+from fieldkit.sessions.chunks import FrameWriter, TableWriter, read_chunk
 from fieldkit.sessions.entry_rows import EntryRows, fitting_column
 from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
 from fieldkit.sessions.guarded_file import GuardedFile, limit_cache, write_in_place
@@ -83,10 +83,6 @@ class SessionFile:
             self._tables[table].append(row)
         return []
 
-    def put_packed(self, block: PackedBlock) -> None:
-        """Take a whole block as another file has it; all blocks before it must be complete."""
-        self._streams[block.stream].put_packed(block)
-
     def flush(self, *, everything: bool = False) -> list[Chunk]:
         """Write what is due: all rows, and blocks that have waited long (or all)."""
         chunks = [chunk for stream in self._streams.values() for chunk in stream.write(force=everything)]
@@ -140,11 +136,6 @@ class _Stream:
         self._waiting.append(row)
         return self.write(force=True) if self._writers[0].is_full else []
 
-    def put_packed(self, block: PackedBlock) -> None:
-        for writer in self._writers:
-            writer.copy(block.chunks)
-        self._table.append(*block.rows)
-
     def write(self, *, force: bool) -> list[Chunk]:
         """Write the blocks if due, then the rows that go with them."""
         chunks: list[Chunk] = []
@@ -172,8 +163,8 @@ HANDOVER_BYTES = 64_000_000
 
 JOURNAL_BYTES = 750_000_000
 
-TOGETHER_S, TOGETHER_BYTES = 0.05, 1_000_000
-"""Time that records wait to be taken together, and the most bytes of them."""
+TOGETHER_S = 0.05
+"""Time that records wait to be taken together: to be woken for each would cost more than all done with it."""
 
 FLUSH_EVERY_S = 1.0
 
@@ -205,8 +196,7 @@ class FileThread(threading.Thread):
         self.error: Exception | None = None
         self._unverified: dict[tuple[str, int, int, int], Chunk] = {}
         self._offers: deque[tuple[int, Record, int | None]] = deque()
-        self._wake = threading.Event()
-        self._stopping = False
+        self._stopping = threading.Event()
         self._handed_bytes = 0
         self._taken_bytes = 0
         self._next_id = 0
@@ -221,8 +211,6 @@ class FileThread(threading.Thread):
         if self.error is None and not self.is_behind():
             self._handed_bytes += _size(record)
             self._offers.append((number, record, crc32))
-            if self._handed_bytes - self._taken_bytes > TOGETHER_BYTES and not self._wake.is_set():
-                self._wake.set()
 
     def is_behind(self) -> bool:
         """True if as much is waiting as may wait; after a failure nothing is."""
@@ -236,14 +224,15 @@ class FileThread(threading.Thread):
 
     def stop(self, *, at_once: bool = False) -> None:
         """Let the thread take everything up to now from queue and journal (or leave that), and end."""
-        self._at_once, self._stopping = at_once, True
-        self._wake.set()
+        self._at_once = at_once
+        self._stopping.set()
 
     def run(self) -> None:
         """Until `stop`: take, write, flush each second, sync each ten seconds."""
         try:
-            while self._step():
-                pass
+            while not self._stopping.wait(TOGETHER_S):
+                self._take_offers()
+            self._take_offers()
             if not self._at_once:
                 self._catch_up(self._journal.next_id)
         except Exception as error:  # whatever it is, the journal has everything and recording must go on
@@ -263,23 +252,13 @@ class FileThread(threading.Thread):
             self.file.discard()
         self._pool.shutdown()
 
-    def _step(self) -> bool:
-        """Take what was offered meanwhile; False at the end.
-
-        Records are taken together: to be woken for each would cost more than all that is done with it.
-        """
-        self._wake.wait(TOGETHER_S)
-        self._wake.clear()
-        is_last = self._stopping
+    def _take_offers(self) -> None:
         while self._offers and not self._at_once:
-            self._take(*self._offers.popleft())
-        self._flush_if_due()
-        return not is_last
-
-    def _take(self, number: int, record: Record, crc32: int | None) -> None:
-        self._catch_up(number)
-        self._put(record, crc32)
-        self._taken_bytes += _size(record)
+            number, record, crc32 = self._offers.popleft()
+            self._catch_up(number)
+            self._put(record, crc32)
+            self._taken_bytes += _size(record)
+            self._flush_if_due()
         self._flush_if_due()
 
     def _catch_up(self, number: int) -> None:

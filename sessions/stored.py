@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,6 @@ from fieldkit.sessions.superblock import real_bytes
 MOST_CHUNK_BYTES = 16_777_216
 """A chunk of a table; the writer's have a few hundred kilobytes at most."""
 
-_MOST_INFLATED_BYTES = 536_870_912
 DEFLATE_RATIO = 1032
 """Nothing that deflate packs is larger: zlib's technical details."""
 
@@ -154,33 +152,6 @@ def unknown_rows(group: h5py.Group, column: Column, rows: int) -> AnyArray:
     if rows * column.row_bytes > file_bytes(group):
         raise SessionError(f"lacks {rows} rows of {column.shape}", place=f"{group.name}/{column.name}")
     return column.unknown(rows)
-
-
-def check_packed(dataset: h5py.Dataset) -> None:
-    """Raise `SessionError` where a packed chunk holds more than a chunk does.
-
-    The HDF5 library inflates whatever is there: some megabytes of it can become gigabytes of memory. So
-    chunks too large to be harmless (none of an ordinary camera is) are inflated here before, a piece at a
-    time.
-    """
-    largest: list[Any] = []
-
-    def visit(chunk: Any) -> None:
-        if chunk.size * DEFLATE_RATIO > _MOST_INFLATED_BYTES:
-            largest.append(chunk.chunk_offset)
-
-    with contextlib.suppress(RuntimeError, OSError):  # what has no index is not inflated either
-        dataset.id.chunk_iter(visit)
-    whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
-    for offset in largest:
-        _, packed = dataset.id.read_direct_chunk(offset)
-        with contextlib.suppress(zlib.error):  # damage is found by the checksums
-            squeezer = zlib.decompressobj()
-            is_full = len(squeezer.decompress(packed, whole)) == whole
-            if is_full and squeezer.decompress(squeezer.unconsumed_tail, 1):
-                text = f"a chunk of {dataset.name} holds more than {whole} bytes"
-                fix = "take another copy of the session; this one was tampered with"
-                raise SessionError(text, place=dataset.file.filename, fix=fix)
 
 
 def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial, reduce
+from functools import partial, reduce
 from itertools import repeat
 
 import h5py
@@ -104,10 +104,13 @@ class StreamReader:
         self._is_outline = outline
         columns = [self._declared["time"]] if outline else self._declared.values()
         self._columns = stored.columns_of(self._group, columns, salvage=salvage)
-        self._stored_frames = self._open_frames() if info.is_camera and not outline else []
+        self.frame_datasets: list[h5py.Dataset] = []
+        """Those of a camera: its counts and metadata rows."""
+        if info.is_camera and not outline:
+            self.frame_datasets = self._open_frames()
         self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
-        self._packed = {frames.name for frames in self._stored_frames if is_packed(frames)}
+        self._packed = {frames.name for frames in self.frame_datasets if is_packed(frames)}
 
     def _open_frames(self) -> list[h5py.Dataset]:
         shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
@@ -134,7 +137,7 @@ class StreamReader:
     def _datasets(self) -> Iterator[h5py.Dataset]:
         self._require_open()
         yield from self._columns.values()
-        yield from self._stored_frames
+        yield from self.frame_datasets
 
     @property
     def claimed(self) -> int:
@@ -175,16 +178,6 @@ class StreamReader:
             raise SessionError("is not a camera", place=self.info.name)
         self._require_open()
         return self.frame_datasets[0]
-
-    @cached_property
-    def frame_datasets(self) -> list[h5py.Dataset]:
-        """The datasets of frames: of a camera its counts and metadata rows, else none.
-
-        Raises `SessionError` where a block is larger than declared.
-        """
-        for dataset in self._stored_frames:
-            stored.check_packed(dataset)
-        return self._stored_frames
 
     def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""

@@ -159,7 +159,6 @@ class SessionWriter:
         if self.is_closed:
             raise errors.SessionError("closed", place=self.path)
         number, crc32 = self._journal.append(record)
-        self._syncer.grown()
         self._file_thread.offer(number, record, crc32)
 
     # --- the end

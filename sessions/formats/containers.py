@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import date, datetime, time, timedelta
 from itertools import zip_longest
@@ -22,7 +21,7 @@ import numpy as np
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.native_code import quiet
-from fieldkit.sessions.formats.imported import explained, refuse_bomb, refuse_large
+from fieldkit.sessions.formats.imported import explained, refuse_large
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -67,8 +66,6 @@ def read_contents(path: Path, sheet: str = "") -> Contents:
     # every library has errors of its own; a panic of Rust is no `Exception`
     with explained(path, "cannot be read", "save it again, or export CSV", BaseException):
         refuse_large(path, _MOST_BYTES)
-        if zipfile.is_zipfile(path):
-            refuse_bomb(path, sum(part.file_size for part in zipfile.ZipFile(path).infolist()))
         with quiet():
             rows, notes = read(path, sheet)
     out = io.StringIO(newline="")

@@ -252,14 +252,3 @@ def refuse_large(path: Path, most_bytes: int) -> None:
     if path.stat().st_size > most_bytes:
         fix = "split the file into parts"
         raise ConfigError(f"larger than {most_bytes // 10**6} MB", place=path, fix=fix)
-
-
-_ALWAYS_BYTES, _MOST_TIMES = 100_000_000, 100  # the noise of a sensor packs to a third or so
-
-
-def refuse_bomb(path: Path, unpacked_bytes: int) -> None:
-    """Raise `ConfigError` where a file unpacks to more than frames or tables of its size can."""
-    size = path.stat().st_size
-    if unpacked_bytes > _ALWAYS_BYTES + _MOST_TIMES * size:
-        problem = f"of {size / 1e6:.1f} MB unpacks to {unpacked_bytes / 1e6:.0f} MB or more"
-        raise ConfigError(problem, place=path, fix="check where it comes from, and copy it again")

@@ -20,7 +20,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched, refuse_bomb
+from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched
 from fieldkit.sessions.formats.times import plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
@@ -90,7 +90,6 @@ def _frames(path: Path, name: str, offset_ns: int) -> Iterator[Frame]:
                 raise ConfigError(problem, place=f"frame {number}", fix="copy it from the recorder again")
             time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)
             counts = np.frombuffer(data, "<u2").reshape(shape)
-            refuse_bomb(path, file.tell())
             yield Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)
 
 

@@ -29,7 +29,7 @@ from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.physics import camera_laws
 from fieldkit.sessions.formats import imported
 from fieldkit.sessions.formats.frame_tables import is_frame_table, read_frame_tables
-from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched, refuse_bomb
+from fieldkit.sessions.formats.imported import ImportedRecording, explained, flag_bunched
 from fieldkit.sessions.formats.tiff import Page, read_pages
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, parse_times_ns, plausible_ns
 from fieldkit.sessions.layout import FILL_COUNT
@@ -206,7 +206,6 @@ def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
         if tuple(kind) != _GREY_16:
             raise ConfigError("not one 16-bit number per pixel", place=path, fix=_NOT_COLOURED)
         _refuse_pixels(str(path), width * height)
-        refuse_bomb(path, 2 * width * height)
     return [_Still(path, str(path), None) for path in paths], []
 
 
@@ -243,8 +242,6 @@ def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[N
             if page.is_frame:
                 _refuse_pixels(label, math.prod(page.shape))
                 stills.append(_Still(path, label, *_meaning(page, label, unit), page))
-    for path, those in pages.items():
-        refuse_bomb(path, sum(2 * math.prod(page.shape) for page in those if page.is_frame))
     notes = []
     if skipped := sum(map(len, pages.values())) - len(stills):
         notes.append((Severity.INFO, f"{skipped} pages are thumbnails or masks, not frames: skipped"))

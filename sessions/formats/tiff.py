@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +20,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fieldkit import native_code
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.installation import install_extra
@@ -124,21 +122,8 @@ class Page:
         except (ImportError, ValueError) as error:
             if isinstance(error, ValueError) and "imagecodecs" not in str(error):
                 return None
-            decoded = native_code.decode_image(_with_one_page(path, file, page))
-            if decoded is None:
-                problem = f"compressed as {COMPRESSION(page.compression).name}"
-                raise ConfigError(problem, place=path, fix=install_extra("files")) from error
-            return decoded
-
-
-def _with_one_page(path: Path, file: TiffFile, page: TiffPage) -> bytes:
-    """The file with this page as its first, which is the one that OpenCV reads, unturned."""
-    data = bytearray(path.read_bytes())
-    layout = file.tiff
-    struct.pack_into(layout.offsetformat, data, 8 if layout.is_bigtiff else 4, page.offset)
-    if turned := page.tags.get("Orientation"):
-        struct.pack_into(f"{file.byteorder}H", data, turned.valueoffset, 1)
-    return bytes(data)
+            problem = f"compressed as {COMPRESSION(page.compression).name}"
+            raise ConfigError(problem, place=path, fix=install_extra("files")) from error
 
 
 def read_pages(path: Path) -> list[Page]:

@@ -43,7 +43,7 @@ _COUNTED = re.compile(
 _SECONDS = {"ms": 1e-3, "mi": 60.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "h": 3600.0, "分": 60.0}
 
 
-def first_time(path: Path, rows: Cells, named: int | None, time_format: str | None) -> tuple[int, int, Kind]:
+def first_time(rows: Cells, named: int | None, time_format: str | None) -> tuple[int, int, Kind]:
     """The column of the time, the first row that has one, and what it is; else the first and the second."""
     parts = None if named is not None else _row_of_parts(rows)
     kinds: tuple[tuple[Callable[[str], bool], Kind], ...] = (
@@ -58,7 +58,6 @@ def first_time(path: Path, rows: Cells, named: int | None, time_format: str | No
         if parts is not None and (place is None or kind != "moment"):
             return *parts, "moment"
         if kind == "count" and named is None:
-            _refuse_image(path, rows)
             place = _counted(rows, place)
         is_row = [place is not None and len(row) > 1 and is_of_kind(cell_of(row, place)) for row in rows]
         # a date or two may stand above times of day or counts
@@ -113,13 +112,6 @@ def counted_ns(head: str) -> float:
     if word.startswith(("mil", "mic")):
         word = {"l": "ms", "c": "us"}[word[2]]
     return (_SECONDS.get(word[:2], _SECONDS.get(word[:1], 1.0)) if word else 0.0) * SECOND_NS
-
-
-def _refuse_image(path: Path, rows: Cells) -> None:
-    if any(row[0].startswith(("File:", "Frame ")) for row in rows[:SAMPLE]):
-        problem = "holds the temperatures of an image without its time, as FLIR's programs export them"
-        fix = "export the radiometric .jpg, .fff or .seq and import that"
-        raise ConfigError(problem, place=path, fix=fix)
 
 
 # --- times in several columns

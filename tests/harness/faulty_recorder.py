@@ -51,7 +51,7 @@ def hurry() -> None:
     """
     disk.PATIENCE_S, disk.RETRY_EVERY_S = disk.PATIENCE_S / 10, disk.RETRY_EVERY_S / 10
     journal.SYNC_EVERY_S = 0.02
-    guarded_file.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
+    guarded_file.BEGIN_BYTES = 5_000
     writer.RESERVE_BYTES = 100_000
     session_file.FLUSH_EVERY_S = 0.01
     session_file.SYNC_EVERY_S = 0.05

@@ -305,8 +305,8 @@ def recovered(path: Path) -> Remains:
 
 def salvaged(path: Path) -> Remains:
     """The same without the new file, whose making takes most of the time."""
-    with Salvage(path, packed=False) as salvage:
-        samples = [item for name in salvage.statistics for item in salvage.samples(name)]
+    with Salvage(path) as salvage:
+        samples = [sample for name in salvage.statistics for sample, _ in salvage.samples(name)]
         entries = len(list(salvage.entries()))
         return Remains(samples, entries, salvage.lost, salvage.lost_entries, salvage.doubt)
 

@@ -146,31 +146,6 @@ def rewrite_logs(path, change):
         copy.replace(log)
 
 
-@pytest.mark.parametrize("where", ["logs", "file", "both"])
-@pytest.mark.parametrize(("stream", "shape"), [(0, LARGE), (1, WIDE), (1, [100_000_000])])
-def test_interrupted_session_whose_headers_declare_other_sizes(folder, where, stream, shape):
-    """The header that fits the samples is taken; without one there is an error."""
-    path = folder / "cut.h5"
-
-    def change(kind, payload):
-        if kind != Kind.IDENTITY:
-            return payload
-        *facts, text = json.loads(payload)
-        return json.dumps([*facts, declared(text, stream, shape)]).encode()
-
-    if where != "file":
-        rewrite_logs(path, change)
-    if where != "logs":
-        with h5py.File(path, "r+", libver=LIBVER) as file:
-            put_header(file, stream, shape)
-    with little_memory():
-        if where == "both":
-            with pytest.raises(SessionError):
-                recover(path)
-        else:
-            assert recover(path).counts == dict.fromkeys(("camera", "lux", "thermometer"), FRAMES)
-
-
 @pytest.mark.parametrize("place", [(0, 2**32 - 1), (2**63, 10), (0, 1)])
 def test_chunks_that_are_not_where_the_journal_says(folder, place):
     path = folder / "cut.h5"

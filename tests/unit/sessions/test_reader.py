@@ -4,7 +4,6 @@ import os
 import shutil
 import threading
 import tracemalloc
-import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from inspect import Parameter, signature
@@ -287,15 +286,6 @@ def _table_of_wide_chunks(file: h5py.File) -> None:
     wide[:] = values
 
 
-def _packed_chunk_that_swells(file: h5py.File) -> None:
-    """Half a gigabyte of zeros, packed to half a megabyte, where a picture of 24 x 32 is expected."""
-    packer = zlib.compressobj(1)
-    packed = b"".join(packer.compress(bytes(2**20)) for _ in range(560)) + packer.flush()
-    chunk = file["camera/counts"].chunks
-    assert len(packed) < 3_000_000
-    file["camera/counts"].id.write_direct_chunk((0, *([0] * (len(chunk) - 1))), packed)
-
-
 def _other_shape(file: h5py.File) -> None:
     del file["camera/counts"]
     file.create_dataset("camera/counts", (10, 24000, 32000), "<u2", chunks=(1, 100, 100))
@@ -373,8 +363,8 @@ def _look_at_everything(session: SessionReader) -> None:
         _group_outside, _table_outside, _scalar_outside, _entry_outside, _time_map_outside, _remove_table,
         _remove_time_map, _remove_integrity, _table_is_a_dataset,
         _remove_group, _remove_header, _outside_link, _soft_link, _outside_storage, _virtual,
-        _claim_many_rows, _huge_chunks, _one_wide_chunk, _table_of_wide_chunks, _packed_chunk_that_swells,
-        _other_shape, _huge_picture_declared, _header_is_no_json,
+        _claim_many_rows, _huge_chunks, _one_wide_chunk, _table_of_wide_chunks, _other_shape,
+        _huge_picture_declared, _header_is_no_json,
     ],
 )  # fmt: skip
 def test_hostile_session_is_refused_without_much_memory(path, harm):

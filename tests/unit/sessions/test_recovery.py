@@ -22,7 +22,6 @@ from fieldkit.sessions.log import Kind, LogReader, LogWriter
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import Outcome, recover
 from fieldkit.sessions.sample_fields import STAMPS_BYTES
-from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import disk, recording
@@ -157,21 +156,6 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed, tmp_pat
     assert (run.after_ns, run.before_ns) == (sample(camera, 359).time_ns, sample(camera, 369).time_ns)
 
 
-def test_whole_blocks_are_taken_as_they_are(longer, monkeypatch):
-    unpacked: list[int] = []
-    put = SessionFile.put
-    # whether blocks were unpacked shows in the time alone
-    monkeypatch.setattr(SessionFile, "put", lambda self, *record: (unpacked.append(1), put(self, *record))[1])
-    report = recover(longer)
-    assert report.lost_samples == 0
-    assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last block
-    with open_session(longer) as session, h5py.File(report.crashed) as before, h5py.File(longer) as after:
-        found = list(session.stream("camera").samples())
-        assert all(same(item, sample(HEADER.streams[0], seq)) for seq, item in enumerate(found))
-        packed = [file["camera/counts"].id.read_direct_chunk((9, 0, 0)) for file in (before, after)]
-        assert packed[0] == packed[1]
-
-
 def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer):
     with h5py.File(longer) as file:
         place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
@@ -181,7 +165,7 @@ def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer):
     assert recover(longer).lost_samples == 0
 
 
-def test_block_that_does_not_verify_is_made_again_sample_by_sample(longer, monkeypatch):
+def test_row_that_does_not_verify_is_taken_from_the_file(longer):
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
     rewritten(journal_path(longer) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
     report = recover(longer)

@@ -140,15 +140,6 @@ def test_journal_of_another_version_is_refused_and_left_as_it_is(tmp_path, versi
     assert part.read_bytes() == before
 
 
-def test_journal_that_is_no_log_is_left_as_it_is(tmp_path):
-    journal = journal_path(tmp_path / "old.h5") / "000001.sqlite"
-    journal.parent.mkdir()
-    journal.write_bytes(b"SQLite format 3")
-    with pytest.raises(FormatError):
-        recover(tmp_path / "old.h5")
-    assert journal.read_bytes() == b"SQLite format 3"
-
-
 def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer):
     with open_session(newer) as session:
         (event,) = (one for one in session.events() if one.kind == 77)

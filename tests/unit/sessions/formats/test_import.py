@@ -121,18 +121,6 @@ def test_a_time_that_no_frame_has_names_the_frame(tmp_path, seconds, frame):
         read_purethermal(tmp_path / "a.raw.y16.gz")
 
 
-def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path):
-    """Frames of nothing but zeros pack a thousand to one: 200 MB come from 200 kB."""
-    path = tmp_path / "bomb.raw.y16.gz"
-    with gzip.open(path, "wb") as file:
-        file.write(with_header(b'{"width": 640, "height": 480, "fps": 9.0}'))
-        for number in range(330):
-            file.write(struct.pack("<Qdq", number, 1.7e9 + number, 0) + bytes(2 * 640 * 480))
-    assert path.stat().st_size < 300_000
-    with pytest.raises(ConfigError, match=r" 1\d\d MB", check=at(path)):
-        read_purethermal(path)
-
-
 def test_a_recorder_whose_clock_was_slow_is_corrected_by_the_offset(tmp_path):
     path = written(tmp_path / "a.raw.y16.gz", [1.7e9, 1.7e9 + 1])
     times_ns = [frame.time_ns for frame in read_purethermal(path, offset_ns=83_000_000_000).samples]
@@ -393,12 +381,12 @@ for name in sys.argv[1:]:
 """
 
 
-def test_without_codecs_lzw_is_read_and_others_are_refused_by_name(tmp_path):
-    names = [str(tmp_path / f"{name}.tif") for name in ("lzw", "deflate", "zstd")]
+def test_without_codecs_deflate_is_read_and_others_are_refused_by_name(tmp_path):
+    names = [str(tmp_path / f"{name}.tif") for name in ("deflate", "zstd")]
     for name in names:
         tifffile.imwrite(name, DEEP[0], compression=Path(name).stem)
     done = subprocess.run([sys.executable, "-c", WITHOUT_CODECS, *names], capture_output=True, text=True)
-    assert done.stdout.split("\n")[:3] == [*2 * [str(DEEP[0].sum())], "ConfigError True True"]
+    assert done.stdout.split("\n")[:2] == [str(DEEP[0].sum()), "ConfigError True True"]
     assert done.stderr == ""
 
 
@@ -473,13 +461,6 @@ def test_directories_in_a_circle_or_cut_off_are_named(tmp_path):
         path = tiff_file(tmp_path, damaged)
         with pytest.raises(ConfigError, check=at(path)):
             frames_of(path, **MOMENT)
-
-
-def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path):
-    """Sixty pages of 4000 x 4000 pixels, 1.9 GB, in a file of some kilobytes."""
-    path = tiff_file(tmp_path, tiff_pages(*([(SMALL, {256: 4000, 257: 4000})] * 60)))
-    with pytest.raises(ConfigError, match="1920 MB", check=at(path)):
-        frames_of(path, **MOMENT)
 
 
 def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path):

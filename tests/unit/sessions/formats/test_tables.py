@@ -284,7 +284,6 @@ def test_columns_of_one_name_are_told_apart(tmp_path):
     [
         ("time (s),T (C)\n1,36.65\n2,36.59\n", ", column 'time (s)'", " 1,"),
         ("elapsed,T [C]\n00:00:01,20\n00:00:02,21\n", ", column 'elapsed'", "date"),
-        ("File:;C:\\x\\FLIR0001.jpg\nFrame 1;23,1;23,4\n;23,2;23,4\n", "", "FLIR"),
         ("2026-06-11 12:00:00,20\n2026-06-11 12:01:00,21\n", "", "header"),
     ],
 )
