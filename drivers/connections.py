@@ -10,12 +10,9 @@ from __future__ import annotations
 
 import re
 import socket
-from abc import ABC, abstractmethod
 from importlib import import_module
-from typing import Any
 
-from fieldkit.drivers.decoding import Layout
-from fieldkit.drivers.framing import CHUNK_BYTES, Framer, Line, Port, Stamped
+from fieldkit.drivers.framing import CHUNK_BYTES, Line, Port
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import DeviceSettings
@@ -102,47 +99,7 @@ def connect(settings: DeviceSettings, line: Line, clock: Clock) -> Port:
     )
 
 
-class WaitingPort(ABC):
-    """A port that waits for bytes before it reads them; see `fieldkit.drivers.framing.Port`.
-
-    `facts` and `path` are its stream's.
-    """
-
-    identity = ""
-
-    def __init__(self, path: str, facts: dict[str, Any], clock: Clock, byte_ns: int) -> None:
-        self.path, self.facts, self.byte_ns = path, facts, byte_ns
-        self.framer: Framer = Framer(byte_ns)
-        self._clock = clock
-
-    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or the reply to `request`; None if none is complete within `timeout_s`."""
-        if request:
-            self.framer.discard()
-            self.write(request)
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        stamped, left_s = self.framer.next_record(layout), timeout_s
-        while stamped is None and left_s >= 0.0:
-            chunk, now_ns = self._receive(left_s), self._clock.mono_ns()
-            if chunk:
-                stamped = self.framer.feed(layout, chunk, now_ns)
-            left_s = (deadline_ns - now_ns) / 1e9
-        return stamped
-
-    @abstractmethod
-    def write(self, data: bytes) -> None:
-        """Send bytes; raises `DeviceLostError`."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Close the connection; a second call does nothing."""
-
-    @abstractmethod
-    def _receive(self, timeout_s: float) -> bytes:
-        """What came, empty if nothing did in that time or a part of it; raises `DeviceLostError`."""
-
-
-class SocketPort(WaitingPort):
+class SocketPort(Port):
     """A TCP connection as a port: `peer` is what answers at the address, `advice` is for where nothing does.
 
     `byte_ns` is the wire time of a byte on a serial line behind it.
@@ -188,7 +145,7 @@ class SocketPort(WaitingPort):
         return DeviceLostError(f"{self._peer} hung up", place=self.path, fix=self._advice)
 
 
-class UrlPort(WaitingPort):
+class UrlPort(Port):
     """A serial port behind a URL as a port: by pyserial, those of ESPHome by serialx."""
 
     def __init__(self, settings: DeviceSettings, line: Line, clock: Clock) -> None:

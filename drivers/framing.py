@@ -10,11 +10,13 @@ of them counts as one rejection.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from fieldkit.drivers.decoding import Channel, Layout, Record
+from fieldkit.model.clock import Clock
 from fieldkit.model.units import SECOND_NS
 
 _CHUNKS_KEPT = 64  # far more than one record is made of
@@ -41,37 +43,6 @@ class Arrival(NamedTuple):
 
 
 _NOTHING_BEFORE: tuple[Arrival, tuple[Channel, ...], bool] = (Arrival(0, 0, 0), (), False)
-
-
-class Port(Protocol):
-    """Transport of a meter's bytes: a serial line, a HID bridge, a socket."""
-
-    path: str
-    framer: Framer
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Details of the port for the stream's record."""
-
-    @property
-    def identity(self) -> str:
-        """Identity of the USB adapter, empty for a port that is none."""
-
-    @property
-    def byte_ns(self) -> int:
-        """Wire time of one byte."""
-
-    def write(self, data: bytes) -> None:
-        """Send bytes; raises `DeviceLostError` when the port is gone."""
-
-    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`.
-
-        With a `request`, everything received so far is discarded and the record is the reply.
-        """
-
-    def close(self) -> None:
-        """Release the port; a second call does nothing."""
 
 
 class Framer:
@@ -189,6 +160,58 @@ class Framer:
 
 
 CHUNK_BYTES = 4096
+
+
+class Port(ABC):
+    """Transport of an instrument's bytes, for one program only: a serial line, a HID bridge, a socket.
+
+    `facts` and `path` are its stream's, `identity` is that of the USB adapter, empty for a port that is none,
+    `byte_ns` the wire time of one byte.
+    """
+
+    def __init__(
+        self, path: str, facts: dict[str, Any], clock: Clock, byte_ns: int, identity: str = ""
+    ) -> None:
+        self.path, self.facts, self.byte_ns, self.identity = path, facts, byte_ns, identity
+        self.framer: Framer = Framer(byte_ns)
+        self._clock = clock
+
+    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`.
+
+        With a `request`, everything received so far is discarded and the record is the reply.
+        """
+        if request:
+            self._discard()
+            self.write(request)
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        stamped, left_s = self.framer.next_record(layout), timeout_s
+        while stamped is None:
+            chunk, now_ns = self._receive(left_s), self._clock.mono_ns()
+            if chunk:
+                stamped = self.framer.feed(layout, chunk, now_ns)
+            left_s = (deadline_ns - now_ns) / 1e9
+            if left_s <= 0.0:
+                break
+        return stamped
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Send bytes; raises `DeviceLostError` when the port is gone."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the port; a second call does nothing."""
+
+    @abstractmethod
+    def _receive(self, timeout_s: float) -> bytes:
+        """What came, empty if nothing did in that time or a part of it; raises `DeviceLostError`."""
+
+    def _discard(self) -> None:
+        """Forget what was received so far."""
+        self.framer.discard()
+
+
 BAUDS = range(50, 4_000_001)
 """From the slowest to the fastest line that Linux names."""
 PARITIES = ("N", "E", "O")

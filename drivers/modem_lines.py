@@ -12,7 +12,7 @@ import os
 import struct
 import termios
 
-from fieldkit.drivers.connections import WaitingPort
+from fieldkit.drivers.framing import Port
 from fieldkit.drivers.identity import unplugged
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
@@ -23,7 +23,7 @@ EVERY_S, LOOK_EVERY_S = 1.0, 0.02
 LINES = {"cts": termios.TIOCM_CTS, "dsr": termios.TIOCM_DSR}
 
 
-class ModemLines(WaitingPort):
+class ModemLines(Port):
     """The state of CTS and DSR as text; the port's own DTR and RTS stay asserted, to feed a switch."""
 
     def __init__(self, path: str, clock: Clock) -> None:

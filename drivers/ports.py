@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import math
 import os
 import termios
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.connections import connect, is_address
-from fieldkit.drivers.decoding import Layout, RecordDriver
-from fieldkit.drivers.framing import BAUDS, CHUNK_BYTES, Framer, Line, Port, Stamped
+from fieldkit.drivers.decoding import RecordDriver
+from fieldkit.drivers.framing import BAUDS, CHUNK_BYTES, Line, Port
 from fieldkit.drivers.identity import (
     SYSFS,
     UDEV_FIX,
@@ -42,10 +41,8 @@ from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceNotFoundError
 from fieldkit.model.next_step import Action
 
-_LONGEST_TENTHS = 255
 
-
-class SerialPort:
+class SerialPort(Port):
     """An open serial port, for one program only.
 
     DTR stays asserted: some meters draw the power of their transmitter from it.
@@ -55,10 +52,6 @@ class SerialPort:
     def __init__(self, path: str, line: Line, clock: Clock) -> None:
         import serial
 
-        self.path = path
-        self.line = line
-        self.framer: Framer = Framer(line.byte_ns)
-        self._clock = clock
         self._serial = serial.Serial()
         self._serial.port = path
         self._serial.baudrate = line.baud
@@ -67,69 +60,19 @@ class SerialPort:
         try:
             self._serial.open()
             self._fd = self._serial.fileno()
-            self._blocks_for_s = math.nan
-            os.set_blocking(self._fd, True)  # for as long as `_block_for` sets
             # The lock above only excludes programs that check it; this excludes the others.
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
         except (OSError, termios.error) as error:
             self._serial.close()
             raise open_failure(path, error) from error
-        self.usb_latency_ms: int | None = _shorten_usb_latency(self._serial)
+        facts = {"line": str(line), **_shorten_usb_latency(self._serial)}
+        super().__init__(path, facts, clock, line.byte_ns, _identity_of(path))
         close_on_failure(self.close)
-
-    @property
-    def byte_ns(self) -> int:
-        """Wire time of one byte."""
-        return self.line.byte_ns
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Details of the port for the stream's record."""
-        facts: dict[str, Any] = {"line": str(self.line)}
-        if self.usb_latency_ms is not None:
-            facts["usb_latency_ms"] = self.usb_latency_ms
-        return facts
-
-    @property
-    def identity(self) -> str:
-        """Identity of the USB adapter, empty for a port that is none."""
-        real, ports = os.path.realpath(self.path), serial_ports()
-        present = [usb for _, usb in ports]
-        return next((usb.as_text(present) for path, usb in ports if path == real), "")
 
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
-        try:
+        with self._errors():
             os.write(self._fd, data)
-        except OSError as error:
-            raise unplugged(self.path, "gone") from error
-
-    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more.
-
-        With a `request`, everything received so far is discarded and the record is the reply.
-        """
-        clock, framer = self._clock, self.framer
-        try:
-            if request:
-                termios.tcflush(self._fd, termios.TCIFLUSH)
-                framer.discard()
-                os.write(self._fd, request)
-            record = framer.next_record(layout) if framer.left else None
-            left_s, started_ns = timeout_s, clock.mono_ns()
-            while (
-                record is None and left_s >= 0.0 and (left_s == self._blocks_for_s or self._will_wait(left_s))
-            ):
-                chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
-                if not chunk:
-                    break
-                now_ns = clock.mono_ns()
-                record = framer.feed(layout, chunk, now_ns)
-                if record is None:
-                    left_s = timeout_s - (now_ns - started_ns) / 1e9
-        except (OSError, termios.error) as error:
-            raise unplugged(self.path, "gone") from error
-        return record
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
@@ -139,33 +82,33 @@ class SerialPort:
             with suppress(OSError):
                 self._serial.close()
 
-    def _will_wait(self, timeout_s: float) -> bool:
-        """Let the next read wait for bytes, or wait for them by the clock; False if none came by then.
+    def _discard(self) -> None:
+        with self._errors():
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        super()._discard()
 
-        The terminal's own time-out saves a system call for every reading.
-        """
-        if not self._clock.is_real:
-            return self._clock.wait_readable(self._fd, timeout_s)
-        self._block_for(timeout_s)
-        return True
-
-    def _late_bytes(self) -> bytes:
-        """Bytes that came just after a read gave up, empty if nothing did; raises when the port is gone."""
-        if not self._clock.wait_readable(self._fd, 0.0):
+    def _receive(self, timeout_s: float) -> bytes:
+        if not self._clock.wait_readable(self._fd, timeout_s):
             return b""
-        chunk = os.read(self._fd, CHUNK_BYTES)
-        if not chunk:
-            raise unplugged(self.path, "gone")
-        return chunk
+        with self._errors(), suppress(BlockingIOError):
+            if chunk := os.read(self._fd, CHUNK_BYTES):
+                return chunk
+            raise OSError("hung up")
+        return b""
 
-    def _block_for(self, timeout_s: float) -> None:
-        """Let a read wait that long, to the next tenth of a second."""
-        attributes = termios.tcgetattr(self._fd)
-        tenths = min(math.ceil(timeout_s * 10.0), _LONGEST_TENTHS)
-        if tenths != attributes[6][termios.VTIME]:
-            attributes[6][termios.VTIME] = tenths
-            termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
-        self._blocks_for_s = timeout_s
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Around calls on the port: their errors become `DeviceLostError`."""
+        try:
+            yield
+        except (OSError, termios.error) as error:
+            raise unplugged(self.path, "gone") from error
+
+
+def _identity_of(path: str) -> str:
+    """Identity of a port's USB adapter, empty for a port that is none."""
+    real, ports = os.path.realpath(path), serial_ports()
+    return next((usb.as_text([usb for _, usb in ports]) for path, usb in ports if path == real), "")
 
 
 def open_port(settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()) -> Port:
@@ -270,8 +213,8 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     )
 
 
-def _shorten_usb_latency(port: Any) -> int | None:
-    """Ask an FTDI adapter to deliver at once; its latency timer in ms as read back, None for others.
+def _shorten_usb_latency(port: Any) -> dict[str, int]:
+    """Ask an FTDI adapter to deliver at once; its latency timer in ms as read back, nothing for others.
 
     By default the chip holds a short packet for 16 ms, which would move every stamp by as much.
     """
@@ -279,4 +222,4 @@ def _shorten_usb_latency(port: Any) -> int | None:
         port.set_low_latency_mode(True)
     node = SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
     latency_ms = text_in(node / "device" / "latency_timer")
-    return int(latency_ms) if latency_ms else None
+    return {"usb_latency_ms": int(latency_ms)} if latency_ms else {}

@@ -23,9 +23,8 @@ from __future__ import annotations
 import math
 import re
 
-from fieldkit.drivers.connections import WaitingPort
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
-from fieldkit.drivers.framing import Line
+from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.opening import close_on_failure
@@ -68,14 +67,13 @@ def parse(buffer: bytes) -> Parsed:
 LAYOUT = Layout(parse, LENGTH)
 
 
-class HidBridge(WaitingPort):
+class HidBridge(Port):
     """The CH9325 as a port for meters. libusb waits by itself, in slices of a fifth of a second."""
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, usb = pick_usb(settings, KINDS)
         facts = {"line": str(LINE), "backend": "pyusb"}
-        super().__init__(f"usb:{usb.path}", facts, clock, LINE.byte_ns)
-        self.identity = usb.as_text()
+        super().__init__(f"usb:{usb.path}", facts, clock, LINE.byte_ns, usb.as_text())
         close_on_failure(self.close)
         with usb_errors(self.path):
             if self._unit.is_kernel_driver_active(0):

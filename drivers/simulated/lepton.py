@@ -58,14 +58,12 @@ class ShutterStatus:
 class Shutter:
     """Remembers every correction since the camera was switched on.
 
-    `unasked_ns` are times at which it corrects itself off schedule; `is_automatic` whether it
-    does so on schedule.
+    `unasked_ns` are times at which it corrects itself off schedule.
     """
 
     def __init__(self, on_ns: int, unasked_ns: Sequence[int]) -> None:
         self._began = [on_ns]
         self._unasked = sorted(unasked_ns)
-        self.is_automatic = True
 
     def run(self, now_ns: int) -> None:
         """Correct now, unless a correction runs already."""
@@ -74,130 +72,40 @@ class Shutter:
 
     def at(self, mono_ns: int) -> ShutterStatus:
         """The shutter at a time; what the camera does by itself until then is done."""
-        self._run_unasked(mono_ns)
+        while (due_ns := self._next_unasked()) <= mono_ns:
+            self._began.append(due_ns)
         latest = bisect_right(self._began, mono_ns) - 1
         began_ns = self._began[latest]
         running = latest > 0 and mono_ns < began_ns + CORRECTION_NS
         last = latest - running
-        due_ns = began_ns + AUTOMATIC_NS - _ANNOUNCED_NS
         state = ShutterState.RUNNING if running else ShutterState.DONE
-        if self.is_automatic and mono_ns >= due_ns:
+        if mono_ns >= began_ns + AUTOMATIC_NS - _ANNOUNCED_NS:
             state = ShutterState.IMMINENT
         return ShutterStatus(state, began_ns, last, self._began[last] + CORRECTION_NS)
 
-    def _run_unasked(self, mono_ns: int) -> None:
-        while True:
-            due = [time_ns for time_ns in self._unasked if time_ns > self._began[-1]]
-            if self.is_automatic:
-                due.append(self._began[-1] + AUTOMATIC_NS)
-            if not due or min(due) > mono_ns:
-                return
-            self._began.append(min(due))
+    def _next_unasked(self) -> int:
+        """The next correction that the camera makes by itself."""
+        latest_ns = self._began[-1]
+        unasked_ns = (time_ns for time_ns in self._unasked if time_ns > latest_ns)
+        return min(latest_ns + AUTOMATIC_NS, next(unasked_ns, latest_ns + AUTOMATIC_NS))
 
 
-SERIAL = 0x00A1_0F1E_1D00_0001
-RUN_FFC, RUN_RADIOMETRIC_FFC = (6, 17), (5, 12)
-FFC_MODE = (6, 16)
-UPTIME, HOUSING, FPA, FFC_STATUS, FFC_STATE = (6, 4), (6, 5), (6, 6), (6, 18), (6, 20)
-_GAIN = (6, 19)
-_FLUX, _TLINEAR, _RESOLUTION = (0x15, 17), (0x15, 18), (0x15, 19)
-_SETTABLE = (FFC_MODE, _RESOLUTION)
+SERIAL = struct.pack("<Q", 0x00A1_0F1E_1D00_0001)
+RUN_FFC = (6, 17)
+CONTROLS = {
+    (4, 8): b"500-0771-01".ljust(32, b"\0"),
+    (6, 3): SERIAL,
+    (0x15, 18): struct.pack("<I", 1),
+    (0x15, 19): struct.pack("<I", 1),
+}
+"""Those that the driver reads: part number, serial number, TLinear, and its resolution of 0.01 K."""
+_FLUX = (8192, 29515, 8192, 29515, 8192, 29515, 0, 29515)
 _REVISION = 14
-_COUNTS_PER_KELVIN = (10, 100)
-
-
-@dataclass(frozen=True, slots=True)
-class BoardStatus:
-    """State of the board at one time."""
-
-    uptime_ms: int
-    frame_counter: int
-    state: ShutterState
-    corrected_ms: int
-    fpa_k: float
-    housing_k: float
-
-
-class Board:
-    """Controls as the board would keep them, and the telemetry that reports them."""
-
-    def __init__(self) -> None:
-        automatic, never_freeze, imminent = 1, 0, 150 | 52 << 16  # 1.5 K of drift, 52 frames ahead
-        self._controls = {
-            (4, 8): b"500-0771-01".ljust(32, b"\0"),
-            (4, 9): bytes((3, 3, 26, 3, 3, 26, 0, 0)),
-            (5, 5): struct.pack("<I", 1),
-            (6, 2): bytes(8),
-            (6, 3): struct.pack("<Q", SERIAL),
-            (6, 7): struct.pack("<I", 1),
-            (6, 8): struct.pack("<I", 1),
-            (6, 15): struct.pack("<i", 1),
-            FFC_MODE: struct.pack(
-                "<8I", automatic, 0, 1, 0, 0, AUTOMATIC_NS // 10**6, never_freeze, imminent
-            ),
-            _GAIN: struct.pack("<I", 0),
-            _FLUX: struct.pack("<8H", 8192, 29515, 8192, 29515, 8192, 29515, 0, 29515),
-            _TLINEAR: struct.pack("<I", 1),
-            _RESOLUTION: struct.pack("<I", 1),
-        }
-
-    @property
-    def is_automatic(self) -> bool:
-        """True if the shutter runs by itself."""
-        return self._controls[FFC_MODE][0] == 1
-
-    @property
-    def counts_per_kelvin(self) -> int:
-        """10 or 100, by the TLinear resolution."""
-        return _COUNTS_PER_KELVIN[self._controls[_RESOLUTION][0] & 1]
-
-    def get(self, control: tuple[int, int], length: int, vitals: BoardStatus) -> bytes:
-        """The value of a control; raises `DeviceError` if there is none of that number and length."""
-        live = {
-            UPTIME: struct.pack("<I", vitals.uptime_ms),
-            HOUSING: struct.pack("<H", round(100 * vitals.housing_k)),
-            FPA: struct.pack("<H", round(100 * vitals.fpa_k)),
-            FFC_STATUS: struct.pack("<i", vitals.state is ShutterState.RUNNING),
-            FFC_STATE: struct.pack("<I", vitals.state),
-        }
-        value = live.get(control) or self._controls.get(control)
-        if value is None or len(value) != length:
-            raise _no_control(control, length)
-        return value
-
-    def set(self, control: tuple[int, int], data: bytes) -> None:
-        """Change a control; raises `DeviceError` for one that cannot be changed here."""
-        value = self._controls.get(control)
-        if value is None or len(value) != len(data):
-            raise _no_control(control, len(data))
-        if value != data and control not in _SETTABLE:
-            raise DeviceError(f"the simulated board keeps control {control[0]}/{control[1]} as it is")
-        self._controls[control] = data
-
-    def telemetry(self, vitals: BoardStatus) -> bytes:
-        """Two rows of 160 words."""
-        fpa, housing = round(100 * vitals.fpa_k), round(100 * vitals.housing_k)
-        words = np.zeros(320, dtype="<u2")
-        words[0] = _REVISION
-        words[1:3] = _low_first(vitals.uptime_ms)
-        words[3:5] = _low_first(vitals.state << 4)
-        words[5:9] = np.frombuffer(struct.pack("<Q", SERIAL), "<u2")
-        words[20:22] = _low_first(vitals.frame_counter)
-        words[24], words[26], words[29], words[32] = fpa, housing, fpa, housing
-        words[30:32] = _low_first(vitals.corrected_ms)
-        words[74] = 3  # log2 of the frames a correction averages
-        words[99:107] = np.frombuffer(self._controls[_FLUX], "<u2")
-        words[165:168] = self._controls[_GAIN][0]
-        words[208], words[209] = self._controls[_TLINEAR][0], self._controls[_RESOLUTION][0]
-        return bytes(words.tobytes())
+_COUNTS_PER_KELVIN = np.float32(100)
 
 
 def _low_first(value: int) -> tuple[int, int]:
     return value & 0xFFFF, value >> 16 & 0xFFFF
-
-
-def _no_control(control: tuple[int, int], length: int) -> DeviceError:
-    return DeviceError(f"the simulated board has no control {control[0]}/{control[1]} of {length} bytes")
 
 
 PERIOD_NS = round(SECOND_NS / 8.7)
@@ -236,7 +144,6 @@ class SimulatedLepton:
         self._scene, self._clock, self._offset_k = scene, clock, np.float32(offset_k)
         self._on_ns = clock.mono_ns() - _WARM_NS
         self._next: int | None = None  # None: not streaming
-        self._board = Board()
         unasked = [time_ns for span in scene.fault_spans(FaultKind.SHUTTER) for time_ns in span]
         self._shutter = Shutter(self._on_ns, [clock.to_mono_ns(time_ns) for time_ns in unasked])
         self._drawn: tuple[int, bytes] = (-1, b"")
@@ -315,12 +222,12 @@ class SimulatedLepton:
         drawn_number = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(drawn_number)
         kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), drawn_number, self._correction(seen_ns))
-        telemetry = self._board.telemetry(self._vitals(self._seen_ns(number), number))
+        telemetry = self._telemetry(self._seen_ns(number), number)
         return self._encode(kelvin + self._offset_k, drawn_number, telemetry)
 
     def _encode(self, kelvin: SingleArray, number: int, telemetry: bytes) -> bytes:
         """The bytes of the frame drawn as `number`."""
-        return _words(kelvin * np.float32(self._board.counts_per_kelvin)) + telemetry
+        return _words(kelvin * _COUNTS_PER_KELVIN) + telemetry
 
     def _correction(self, mono_ns: int) -> Correction:
         last = self._shutter.at(mono_ns)
@@ -331,32 +238,37 @@ class SimulatedLepton:
     # --- the board
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Read a control; raises `DeviceError` where the board has none of that number and length."""
+        """Read a control; raises `DeviceError` where there is none of that number and length."""
         self._refuse_if_unplugged()
-        now_ns = self._clock.mono_ns()
-        return self._board.get((unit, selector), length, self._vitals(now_ns, self._index(now_ns)))
+        value = CONTROLS.get((unit, selector), b"")
+        if len(value) != length:
+            raise DeviceError(f"the simulated board has no control {unit}/{selector} of {length} bytes")
+        return value
 
     def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """Change a control, or run a correction; raises `DeviceError` where that is impossible."""
+        """Run a correction; raises `DeviceError` for any other control."""
         self._refuse_if_unplugged()
-        if (unit, selector) in (RUN_FFC, RUN_RADIOMETRIC_FFC):
-            self._shutter.run(self._clock.mono_ns())
-            return
-        self._board.set((unit, selector), data)
-        if (unit, selector) == FFC_MODE:
-            self._shutter.is_automatic = self._board.is_automatic
+        if (unit, selector) != RUN_FFC:
+            raise DeviceError(f"the simulated board keeps control {unit}/{selector} as it is")
+        self._shutter.run(self._clock.mono_ns())
 
-    def _vitals(self, mono_ns: int, number: int) -> BoardStatus:
+    def _telemetry(self, mono_ns: int, number: int) -> bytes:
+        """Two rows of 160 words below a frame."""
         shutter = self._shutter.at(mono_ns)
         air_k = self._scene.at(self._clock.to_utc_ns(mono_ns)).air_temperature_k
-        return BoardStatus(
-            uptime_ms=self._uptime_ms(mono_ns),
-            frame_counter=_COUNTS_PER_FRAME * number,
-            state=shutter.state,
-            corrected_ms=self._uptime_ms(shutter.ended_ns),
-            fpa_k=air_k + _FPA_ABOVE_AIR_K,
-            housing_k=air_k + _HOUSING_ABOVE_AIR_K,
-        )
+        fpa, housing = (round(100 * (air_k + above)) for above in (_FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K))
+        words = np.zeros(320, dtype="<u2")
+        words[0] = _REVISION
+        words[1:3] = _low_first(self._uptime_ms(mono_ns))
+        words[3:5] = _low_first(shutter.state << 4)
+        words[5:9] = np.frombuffer(SERIAL, "<u2")
+        words[20:22] = _low_first(_COUNTS_PER_FRAME * number)
+        words[24], words[26], words[29], words[32] = fpa, housing, fpa, housing
+        words[30:32] = _low_first(self._uptime_ms(shutter.ended_ns))
+        words[74] = 3  # log2 of the frames a correction averages
+        words[99:107] = _FLUX
+        words[208:210] = 1  # TLinear is on, its resolution 0.01 K
+        return bytes(words.tobytes())
 
     def _uptime_ms(self, mono_ns: int) -> int:
         return int((mono_ns - self._on_ns) * (1.0 + _CLOCK_TOO_FAST)) // 1_000_000
