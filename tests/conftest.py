@@ -53,6 +53,7 @@ def own_home(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MPLCONFIGDIR", str(user_cache_path("matplotlib")))  # its list of fonts takes seconds
         for name in ("CACHE", "CONFIG", "STATE"):
+            (home / name.lower()).mkdir(parents=True, exist_ok=True)  # astropy warns where one is missing
             patch.setenv(f"XDG_{name}_HOME", str(home / name.lower()))
         yield
 

@@ -10,33 +10,26 @@ from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import MapSums, SlopeMap, posterior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import AnyArray, FloatArray
-from fieldkit.model.site import Site
-from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
-from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import SURFACE, suns, temperatures_k
 
-SITE = Site(35.558675, 139.395232, 9.0)
-PAPER = SurfaceParameters()
 SETTINGS = EstimatorSettings(model="full", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0, noise_k=0.05)
 
 
-def temperatures(normals: AnyArray, ray: AnyArray) -> FloatArray:
-    """Surface temperatures of slopes under one sun, by the paper's eq. (7)."""
-    return surface_temperature(800.0 * np.maximum(normals @ ray, 0.0), 400.0, 303.15, PAPER)
+def add_frame(sums: MapSums, normals: AnyArray, ray: AnyArray, error_k: FloatArray | float = 0.0) -> None:
+    """A frame of slopes, beside the temperature of level ground in the same sun."""
+    frame_k = temperatures_k(normals, ray) + error_k
+    sums.add(frame_k, float(temperatures_k(VERTICAL, ray)), ray, 800.0, VERTICAL)
 
 
 def simulated(
     tilt_deg: FloatArray, azimuth_deg: FloatArray, minutes: int = 20, noise_k: float = 0.05, seed: int = 4
 ) -> tuple[SlopeMap, PixelPosterior]:
     """Slopes seen from 11:00 JST, one frame a minute, with a noise of target and reference."""
-    start = int(np.datetime64("2017-08-30T02:00", "ns").astype(np.int64))
     truth, random = normal(tilt_deg, azimuth_deg), np.random.default_rng(seed)
-    sums = MapSums(np.shape(tilt_deg), PAPER, noise_k, SETTINGS.tilt_limit_deg)
-    for ray in sun_vectors(start + np.arange(minutes) * 60_000_000_000, SITE):
-        frame_k = temperatures(truth, ray) + math.sqrt(2.0) * noise_k * random.standard_normal(
-            np.shape(tilt_deg)
-        )
-        sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+    sums = MapSums(np.shape(tilt_deg), SURFACE, noise_k, SETTINGS.tilt_limit_deg)
+    for ray in suns("2017-08-30T02:00", minutes):
+        add_frame(sums, truth, ray, math.sqrt(2.0) * noise_k * random.standard_normal(np.shape(tilt_deg)))
     slopes = sums.solve()
     return slopes, posterior(slopes, sums, VERTICAL, SETTINGS)
 

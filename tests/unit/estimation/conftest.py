@@ -10,10 +10,11 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
+from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import SITE, SURFACE, utc_ns
 
 MINUTE_NS = 60 * SECOND_NS
 SHAPE = (60, 80)
@@ -31,8 +32,8 @@ mask = cache(lambda bed: bed.mask(SHAPE))
 class Yard:
     """Beds at the paper's site; `samples` makes what a camera, a lux meter and a thermometer would say."""
 
-    site: Site = field(default_factory=lambda: Site(35.558675, 139.395232, 9.0, "Asia/Tokyo"))
-    start_ns: int = int(np.datetime64("2017-08-30T00:00", "ns").astype(np.int64))
+    site: Site = SITE
+    start_ns: int = utc_ns("2017-08-30T00:00")
     beds: tuple[Region, ...] = (
         Region("flat", RegionKind.REFERENCE, box(2, 2)),
         Region("b08", RegionKind.TARGET, box(22, 2), 8.0, 140.0),
@@ -59,7 +60,7 @@ class Yard:
             tilt, azimuth = np.nan_to_num([bed.tilt_deg, bed.azimuth_deg])
             direct = 0.0 if minute in self.shade.get(bed.name, ()) else self.light(minute)
             absorbed = direct * max(0.0, float(normal(tilt, azimuth) @ sun))
-            surface = surface_temperature(absorbed, 400.0, 303.15, SurfaceParameters())
+            surface = surface_temperature(absorbed, 400.0, 303.15, SURFACE)
             kelvin[mask(bed)] = brightness_temperature_k(surface, 0.90, 233.15)
         noisy = kelvin + self.noise_k * random.standard_normal(SHAPE)
         return np.round(noisy / 0.01).astype(np.uint16)

@@ -2,16 +2,12 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
-from fieldkit.physics.sun import sun_vectors
-
-SITE = Site(35.558675, 139.395232, 9.0)
+from tests.harness.papers_field import suns
 
 
 def noon_table(cells=None) -> tuple[RadiationTable, np.ndarray]:
-    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
-    design = 800.0 * sun_vectors(start + np.arange(21) * 60_000_000_000, SITE)
+    design = 800.0 * suns("2017-08-30T03:00", 21)
     return RadiationTable(slope_grid() if cells is None else cells, design, VERTICAL), design
 
 

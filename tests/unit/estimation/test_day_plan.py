@@ -4,18 +4,11 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.day_plan import PlanSettings, expected_temperature, sensitivity
-from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import normal
-from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import suns
 
-PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 TABLE_1 = SurfaceParameters()
-
-
-def suns(start_utc: str, minutes: int) -> np.ndarray:
-    start = np.datetime64(start_utc, "ns").astype(np.int64)
-    return sun_vectors(start + np.arange(minutes, dtype=np.int64) * 60_000_000_000, PAPER)
 
 
 # degrees of tilt per kelvin between bed and reference: S 800 W/m2, 315 K in August, 295 K in December
@@ -30,7 +23,7 @@ def suns(start_utc: str, minutes: int) -> np.ndarray:
     ],
 )
 def test_degrees_per_kelvin_over_the_papers_afternoons(date, kelvin, tilt, degrees):
-    hourly = np.vstack([suns(f"{date}T{hour:02d}:00", 1) for hour in (3, 4, 5, 6)])
+    hourly = suns(f"{date}T03:00", 240, 60)
     found = sensitivity(normal([tilt], [180.0]), hourly, 800.0, kelvin, TABLE_1)
     np.testing.assert_allclose(1.0 / found.temperature_k[0], degrees, rtol=0.01, atol=0.05)
 

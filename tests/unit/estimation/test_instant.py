@@ -11,17 +11,14 @@ from fieldkit.estimation.instant import along_sun
 from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
-from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.terrain import climb_deg
+from tests.harness.papers_field import SITE, temperatures_k, utc_ns
 
-SITE = Site(35.558675, 139.395232, 9.0)
-NOON_NS, AFTERNOON_NS = (
-    int(np.datetime64(text, "ns").astype(np.int64)) for text in ("2017-08-30T03:00", "2017-08-30T06:00")
-)
+AFTERNOON_NS = utc_ns("2017-08-30T06:00")
 LOW, HIGH = normal(60.0, 200.0), normal(25.0, 200.0)
 PAPER = EstimatorSettings(model="paper")
 NO_SD = np.array(1e-6)
@@ -75,8 +72,7 @@ def test_what_no_slope_gives_is_no_number():
 def minute(time_ns: int, *normals, flags: int = 0) -> History:
     """One minute of surfaces by the paper's eq. (7), the first of them level."""
     sun = sun_vectors(np.array([time_ns]), SITE)
-    lit = 800.0 * np.array([VERTICAL, *normals]) @ sun[0]
-    kelvin = surface_temperature(lit, 400.0, 303.15, SurfaceParameters())
+    kelvin = temperatures_k(np.array([VERTICAL, *normals]), sun[0])
     return History(
         minute=np.array([time_ns // 60_000_000_000]),
         time_ns=np.array([time_ns]),

@@ -12,15 +12,15 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality, Reading
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.daylight import clear_sky, sky_view
 from fieldkit.physics.facet import normal
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.weather import packaged_day
 from tests.harness.next_steps import at
+from tests.harness.papers_field import SITE, utc_ns
 
-SITE = Site(35.558675, 139.395232, 9.0)
 METERS = {
     "pyrheliometer": IrradianceModel(kind="pyrheliometer"),
     "sun-pointing": IrradianceModel(kind="calibrated", factor=1.0, mounting="sun-pointing"),
@@ -55,7 +55,7 @@ def closed_bins(binner, samples):
 @pytest.mark.parametrize("meter", METERS)
 @pytest.mark.parametrize("start", ["2017-08-29T19:30", "2017-12-10T21:00"])
 def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
-    time_ns = int(np.datetime64(start, "ns").astype(np.int64)) + np.arange(0, 14 * 3600, 30) * 10**9
+    time_ns = utc_ns(start) + np.arange(0, 14 * 3600, 30) * 10**9
     quantity, unit = ("irradiance", "W m-2") if meter == "pyrheliometer" else ("illuminance", "lx")
     streams = (StreamInfo("light", quantity, unit, (1,), measures=("dni",) if unit == "W m-2" else ()),)
     binner = Binner(SITE, (), streams, EstimatorSettings(irradiance=METERS[meter]))
@@ -203,7 +203,7 @@ def test_probes_of_a_stream_that_was_not_recorded_are_reported_once():
 
 # --- which stream gives the light, and what it is
 
-AT_22_DEGREES = int(np.datetime64("2017-12-11T00:09", "ns").astype(np.int64))
+AT_22_DEGREES = utc_ns("2017-12-11T00:09")
 """At SITE the sun stands 22 degrees high (SPA)."""
 THREE_MINUTES = [("lux", AT_22_DEGREES + minute * 60_000_000_000, 40_000.0) for minute in range(3)]
 
@@ -342,7 +342,7 @@ def test_model_of_a_pyrheliometer_states_what_a_stream_does_not_say():
 
 @pytest.mark.parametrize("start", ["2017-08-30T02:30", "2017-12-11T02:30"])
 def test_a_cloud_before_a_high_or_a_low_noon_sun_is_seen(start):
-    time_ns = int(np.datetime64(start, "ns").astype(np.int64)) + np.arange(0, 1800, 10) * 10**9
+    time_ns = utc_ns(start) + np.arange(0, 1800, 10) * 10**9
     light = cloudless("horizontal", time_ns)
     light[60:90] *= 0.6
     binner = Binner(SITE, (), (StreamInfo("light", "illuminance", "lx", (1,)),), EstimatorSettings())

@@ -13,17 +13,10 @@ from fieldkit.estimation.likelihood import (
 )
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
 from fieldkit.model.confidence import misfit_drop
-from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, normal
-from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import suns
 
-SITE = Site(35.558675, 139.395232, 9.0)
 DROP, DROP_ONE = misfit_drop(0.90, 2), misfit_drop(0.90, 1)
-
-
-def window(start: str, minutes: int) -> np.ndarray:
-    first = int(np.datetime64(start, "ns").astype(np.int64))
-    return sun_vectors(first + np.arange(minutes) * 60_000_000_000, SITE)
 
 
 def of_one(misfit: Misfit) -> ProfileMisfit:
@@ -44,7 +37,7 @@ def region_known_azimuth(
 
 
 def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
-    sun, truth = window("2017-08-30T00:00", 181), normal(10.0, 180.0)
+    sun, truth = suns("2017-08-30T00:00", 181), normal(10.0, 180.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
     found = region(misfit, truth, DROP, 45.0)
     covariance = cramer_rao(misfit.H, truth)
@@ -57,7 +50,7 @@ def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
 
 @pytest.mark.parametrize("azimuth", [0.2, 359.8])
 def test_region_across_north_is_unwrapped(azimuth):
-    sun, truth = window("2017-08-30T03:00", 61), normal(15.0, azimuth)
+    sun, truth = suns("2017-08-30T03:00", 61), normal(15.0, azimuth)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
     found = region(misfit, truth, DROP, 45.0)
     assert found.azimuth_low_deg < azimuth < found.azimuth_high_deg
@@ -65,7 +58,7 @@ def test_region_across_north_is_unwrapped(azimuth):
 
 
 def test_every_normal_outside_the_projections_is_outside_the_region():
-    sun, truth = window("2017-08-30T03:00", 21), normal(9.3, 77.0)
+    sun, truth = suns("2017-08-30T03:00", 21), normal(9.3, 77.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.006**2)
     found = region(misfit, truth, DROP, 45.0)
     tilts, azimuths = np.meshgrid(np.linspace(0, 45, 900), np.linspace(-100, 250, 1400))
@@ -77,7 +70,7 @@ def test_every_normal_outside_the_projections_is_outside_the_region():
 
 
 def test_patch_mass_is_the_gaussian_integral():
-    sun, truth = window("2017-08-30T00:00", 181), normal(12.0, 135.0)
+    sun, truth = suns("2017-08-30T00:00", 181), normal(12.0, 135.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
     one, at = of_one(misfit), truth[np.newaxis]
     found = patches(one.on_grid, misfit.H[np.newaxis], at, one(at) + 18.0, 18.0, heights=41, turns=121)
@@ -88,7 +81,7 @@ def test_patch_mass_is_the_gaussian_integral():
 
 def test_misfits_of_a_grid_are_those_of_its_normals():
     random = np.random.default_rng(8)
-    sun, truths = window("2017-08-30T03:00", 61), normal([8.0, 21.0], [90.0, 200.0])
+    sun, truths = suns("2017-08-30T03:00", 61), normal([8.0, 21.0], [90.0, 200.0])
     effects = random.uniform(-0.01, 0.01, (3, 2, 61))
     summed = with_systematics(sun, truths @ sun.T, random.uniform(1e4, 4e4, (2, 61)), effects)
     axes = np.linalg.qr(random.standard_normal((2, 3, 3)))[0]
@@ -100,7 +93,7 @@ def test_misfits_of_a_grid_are_those_of_its_normals():
 
 
 def test_additive_doubt_equals_fitting_it_with_its_price():
-    sun, truth = window("2017-08-30T00:00", 40), normal(12.0, 135.0)
+    sun, truth = suns("2017-08-30T00:00", 40), normal(12.0, 135.0)
     random = np.random.default_rng(2)
     shape, weights = random.uniform(0.5, 1.5, 40), np.full(40, 4e4)
     y = sun @ truth + 0.02 * shape
@@ -118,7 +111,7 @@ def test_additive_doubt_equals_fitting_it_with_its_price():
 
 
 def test_doubtful_scale_equals_the_best_scale_at_its_price():
-    sun, truth = window("2017-08-30T00:00", 60), normal(15.0, 200.0)
+    sun, truth = suns("2017-08-30T00:00", 60), normal(15.0, 200.0)
     y = 1.1 * (sun @ (truth - VERTICAL)) + sun[:, 2]
     misfit = Misfit.of_rows(sun, y, 4e4)
     profiled = ProfileMisfit.of(misfit, VERTICAL, 0.1)
@@ -136,7 +129,7 @@ def test_doubtful_scale_equals_the_best_scale_at_its_price():
 def test_uncertain_light_equals_fitting_it_with_its_price(scale_sd):
     """Against numpy's least squares with a row for each prior, at slopes anywhere and on a grid."""
     random = np.random.default_rng(5)
-    rays, truth, reference = window("2017-08-30T03:00", 50), normal(14.0, 70.0), normal(2.0, 10.0)
+    rays, truth, reference = suns("2017-08-30T03:00", 50), normal(14.0, 70.0), normal(2.0, 10.0)
     weights, own = random.uniform(1e3, 4e3, 50), random.uniform(-0.02, 0.02, (2, 50))
     light = random.uniform(-0.1, 0.1, (3, 4, 50))
     y = rays @ truth + 0.02 * random.standard_normal(50)
@@ -158,7 +151,7 @@ def test_uncertain_light_equals_fitting_it_with_its_price(scale_sd):
 @pytest.mark.parametrize("tilt", [14.9916, 22.5])
 def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
     """Also where that is less than a step between the tilts tried."""
-    sun, truth = window("2017-12-11T01:30", 180), normal(tilt, 180.0)
+    sun, truth = suns("2017-12-11T01:30", 180), normal(tilt, 180.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / sd**2)
     found = region_known_azimuth(misfit, 180.0, truth, DROP_ONE, 45.0)
     steeper = normal(tilt + 90.0, 180.0)
@@ -169,7 +162,7 @@ def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
 
 
 def test_known_azimuth_region_ends_at_flat_and_at_the_limit():
-    sun = window("2017-12-11T01:30", 180)
+    sun = suns("2017-12-11T01:30", 180)
     flat, steep = (
         region_known_azimuth(
             Misfit.of_rows(sun, sun @ normal(tilt, 180.0), 1e4), 180.0, normal(tilt, 180.0), 2.706, 45.0
@@ -184,7 +177,7 @@ def test_known_azimuth_region_ends_at_flat_and_at_the_limit():
 @pytest.mark.parametrize("minutes", [21, 61])
 @pytest.mark.parametrize("start", ["2017-08-30T00:00", "2017-08-30T03:00", "2017-08-30T06:00"])
 def test_likelihood_region_holds_the_truth_nine_times_in_ten(start, minutes):
-    sun, random = window(start, minutes), np.random.default_rng(7)
+    sun, random = suns(start, minutes), np.random.default_rng(7)
     truths = normal(random.uniform(0, 30, 6000), random.uniform(0, 360, 6000))
     y = truths @ sun.T + 0.0055 * random.standard_normal((6000, minutes))
     misfit = Misfit.of_rows(sun, y, 1 / 0.0055**2)
@@ -195,7 +188,7 @@ def test_likelihood_region_holds_the_truth_nine_times_in_ten(start, minutes):
 
 def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():
     """The least of misfit + ((kappa - 1) / sd)² over kappa, tried out one by one."""
-    sun, truth = window("2017-08-30T03:00", 21), normal(15.0, 100.0)
+    sun, truth = suns("2017-08-30T03:00", 21), normal(15.0, 100.0)
     misfit = Misfit.of_rows(sun, 1.05 * (sun @ (truth - VERTICAL)) + sun[:, 2], 1 / 0.01**2)
     kappas = np.linspace(-1.0, 3.0, 400_001)
     for tilt, azimuth in ((15.0, 100.0), (20.0, 90.0), (8.0, 130.0)):
@@ -207,7 +200,7 @@ def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():
 
 def test_a_doubt_of_one_standard_deviation_costs_one():
     """Rows that are off by just one standard deviation of a known effect: its square is what is left."""
-    sun, truth = window("2017-08-30T03:00", 60), normal(12.0, 200.0)
+    sun, truth = suns("2017-08-30T03:00", 60), normal(12.0, 200.0)
     effect = 0.02 * np.sin(np.linspace(0.0, 25.0, 60))
     summed = with_systematics(sun, sun @ truth + effect, np.full(60, 1e8), effect[np.newaxis])
     assert float(summed(truth)) == pytest.approx(1.0, rel=1e-3)

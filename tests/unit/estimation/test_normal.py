@@ -17,13 +17,10 @@ from fieldkit.estimation.normal import (
     solve,
     solve_known_azimuth,
 )
-from fieldkit.model.site import Site
-from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-
-SITE = Site(35.558675, 139.395232, 9.0)
+from tests.harness.papers_field import SITE, suns, utc_ns
 
 CASE_1 = (
     ["2017-08-30T03:00", "2017-08-30T04:00", "2017-08-30T05:00", "2017-08-30T06:00"],
@@ -35,14 +32,6 @@ CASE_2 = (
     [321.86850, 324.24478, 325.14110, 324.50615],
     [318.65543, 321.61792, 323.30003, 323.60330],
 )
-
-
-def utc_ns(text: str) -> int:
-    return int(np.datetime64(text, "ns").astype(np.int64))
-
-
-def window(start: str, minutes: int) -> np.ndarray:
-    return sun_vectors(utc_ns(start) + np.arange(minutes) * MINUTE_NS, SITE)
 
 
 def misfit_of(case, scale: float = 1.0) -> tuple[Misfit, np.ndarray]:
@@ -105,7 +94,7 @@ def test_ten_percent_scale_error_tilts_as_published(case, vector, length, slope)
 def test_cramer_rao_bound_and_mirror_are_the_golden_ones(
     start, minutes, tilt_sd, direction_sd, correlation, other
 ):
-    sun = window(start, minutes)
+    sun = suns(start, minutes)
     H = sun.T @ sun / 0.005**2
     covariance = cramer_rao(H, normal(10.0, 180.0))
     tilt, direction = np.degrees(np.sqrt(np.diagonal(covariance)))
@@ -122,7 +111,7 @@ def test_cramer_rao_bound_and_mirror_are_the_golden_ones(
 def test_noiseless_study_is_exact_off_the_papers_grid(start):
     random = np.random.default_rng(20170830)
     tilts, azimuths = random.uniform(0.0, 30.0, 3000), random.uniform(0.0, 360.0, 3000)
-    truth, sun = normal(tilts, azimuths), window(start, 21)
+    truth, sun = normal(tilts, azimuths), suns(start, 21)
     misfit = Misfit.of_rows(sun, truth @ sun.T)
     found = choose(misfit, solve(misfit), 30.0).best
     assert np.percentile(np.abs(tilt_azimuth(found)[0] - tilts), 90) <= 0.01
@@ -130,7 +119,7 @@ def test_noiseless_study_is_exact_off_the_papers_grid(start):
 
 
 def test_both_branches_fit_and_are_mirrors_of_each_other():
-    sun = window("2017-08-30T03:00", 21)
+    sun = suns("2017-08-30T03:00", 21)
     misfit = Misfit.of_rows(sun, sun @ normal(20.0, 180.0), 1 / 0.005**2)
     both = solve(misfit)
     tilts, _ = tilt_azimuth(np.stack([both.first, both.second]))
@@ -140,7 +129,7 @@ def test_both_branches_fit_and_are_mirrors_of_each_other():
 
 
 def test_two_slopes_sharing_the_sun_solve_as_each_alone():
-    sun = window("2017-08-30T00:00", 30)
+    sun = suns("2017-08-30T00:00", 30)
     truths = normal([3.0, 22.0, 14.0], [10.0, 250.0, 359.5])
     together = solve(Misfit.of_rows(sun, truths @ sun.T, 4e4))
     for row, truth in enumerate(truths):
@@ -149,7 +138,7 @@ def test_two_slopes_sharing_the_sun_solve_as_each_alone():
 
 
 def test_rows_without_a_value_are_dropped():
-    sun = window("2017-08-30T00:00", 30)
+    sun = suns("2017-08-30T00:00", 30)
     y = sun @ normal(12.0, 135.0)
     gappy = y.copy()
     gappy[[3, 17]] = np.nan
@@ -161,7 +150,7 @@ def test_rows_without_a_value_are_dropped():
 
 
 def test_unknown_slopes_stay_unknown_among_known_ones():
-    sun = window("2017-08-30T00:00", 30)
+    sun = suns("2017-08-30T00:00", 30)
     y = np.stack([sun @ normal(12.0, 135.0), np.full(30, np.nan)])
     found = solve(Misfit.of_rows(sun, y)).first
     assert np.isnan(found[1]).all()
@@ -169,7 +158,7 @@ def test_unknown_slopes_stay_unknown_among_known_ones():
 
 
 def test_known_azimuth_gives_the_tilt_and_the_other_root():
-    sun = window("2017-08-30T03:00", 21)
+    sun = suns("2017-08-30T03:00", 21)
     y = np.stack([normal(10.0, 180.0), VERTICAL]) @ sun.T
     tilts, others = solve_known_azimuth(Misfit.of_rows(sun, y), np.array([180.0, 180.0]), 45.0)
     assert tilts == pytest.approx([10.0, 0.0], abs=1e-6)
@@ -208,7 +197,7 @@ def test_a_steeper_slope_is_preferred_only_for_a_clearly_better_fit(advantage, p
 
 
 def test_where_the_limit_stands_for_a_steeper_branch_the_flatter_one_stays_the_other():
-    sun = window("2017-08-30T03:00", 91)
+    sun = suns("2017-08-30T03:00", 91)
     misfit = Misfit.of_rows(sun, sun @ normal(35.0, 180.0), 1 / 0.001**2)
     both = solve(misfit)
     flatter, steeper = sorted(tilt_azimuth(np.stack([both.first, both.second]))[0])

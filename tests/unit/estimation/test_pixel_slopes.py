@@ -9,63 +9,45 @@ from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.confidence import misfit_drop
-from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.energy_balance import (
-    SurfaceParameters,
     irradiance_difference,
     irradiance_per_kelvin,
-    surface_temperature,
 )
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
-from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import SURFACE as PAPER
+from tests.harness.papers_field import suns
+from tests.harness.papers_field import temperatures_k as temperatures
+from tests.harness.pixels import add_frame
 
-SITE = Site(35.558675, 139.395232, 9.0)
-PAPER = SurfaceParameters()
 SHAPE = (20, 30)
-
-
-def sun_from(start, minutes, step=1):
-    first = int(np.datetime64(start, "ns").astype(np.int64))
-    return sun_vectors(first + np.arange(0, minutes, step) * 60_000_000_000, SITE)
-
-
-def add(sums, frame_k, ray):
-    """A frame beside the temperature of level ground in the same sun."""
-    sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
-
-
-def temperatures(normals, ray):
-    return surface_temperature(800.0 * np.maximum(normals @ ray, 0.0), 400.0, 303.15, PAPER)
 
 
 @pytest.fixture
 def scene():
     random = np.random.default_rng(1)
-    return sun_from("2017-08-30T00:30", 60, 3), normal(
+    return suns("2017-08-30T00:30", 60, 3), normal(
         random.uniform(0, 28, SHAPE), random.uniform(0, 360, SHAPE)
     )
 
 
-def mapped(sun, normals, noise_k=0.0, spoil=None):
-    random = np.random.default_rng(2)
-    sums = MapSums(SHAPE, PAPER, 0.05)
+def summed(sun, normals, noise_k=0.0, stated_k=0.05, error_k=0.0, seed=2, **options) -> MapSums:
+    """Frames of facets (rows, cols, 3), with noise and an error of their own."""
+    random, shape = np.random.default_rng(seed), normals.shape[:2]
+    sums = MapSums(shape, PAPER, stated_k, **options)
     for ray in sun:
-        frame_k = temperatures(normals, ray) + noise_k * random.standard_normal(SHAPE)
-        if spoil is not None:
-            frame_k[spoil] = np.nan
-        add(sums, frame_k, ray)
-    return sums.solve()
+        add_frame(sums, normals, ray, noise_k * random.standard_normal(shape) + error_k)
+    return sums
+
+
+def mapped(sun, normals, noise_k=0.0, error_k=0.0):
+    return summed(sun, normals, noise_k, error_k=error_k).solve()
 
 
 def test_more_pixels_have_a_second_slope_the_more_confidence_is_asked_for(scene):
     sun, normals = scene
-    counts = []
-    for confidence in (0.5, 0.9, 0.99):
-        sums = MapSums(SHAPE, PAPER, 0.003, confidence=confidence)
-        for ray in sun:
-            add(sums, temperatures(normals, ray), ray)
-        counts.append(np.count_nonzero(sums.solve().state == SlopeState.NOT_RESOLVED))
+    maps = (summed(sun, normals, stated_k=0.003, confidence=one).solve() for one in (0.5, 0.9, 0.99))
+    counts = [np.count_nonzero(found.state == SlopeState.NOT_RESOLVED) for found in maps]
     assert counts[0] < counts[1] < counts[2]
 
 
@@ -108,7 +90,7 @@ def test_map_agrees_with_the_regions_least_squares(scene):
 
 
 def test_pixels_without_temperature_have_no_data(scene):
-    found = mapped(*scene, spoil=(slice(0, 5), slice(None)))
+    found = mapped(*scene, error_k=np.where(np.arange(20) < 5, np.nan, 0.0)[:, np.newaxis])
     assert (found.state[:5] == SlopeState.NO_DATA).all()
     assert np.isnan(found.tilt_deg[:5]).all()
     assert (found.state[5:] != SlopeState.NO_DATA).all()
@@ -116,13 +98,12 @@ def test_pixels_without_temperature_have_no_data(scene):
 
 def test_gusts_widen_the_pixels_of_a_region_that_has_a_slope_and_refuse_others():
     """Exchange that changes by a tenth from minute to minute: more than noise, the more the warmer."""
-    sun, truth = sun_from("2017-08-30T01:30", 90), normal(25.0, 180.0)
+    sun, truth = suns("2017-08-30T01:30", 90), normal(25.0, 180.0)
     random, sums = np.random.default_rng(4), MapSums(SHAPE, PAPER, 0.05)
     for ray in sun:
-        flat_k = float(temperatures(VERTICAL, ray))
-        gust = 1.0 + 0.1 * random.standard_normal()
-        frame_k = flat_k + gust * (np.full(SHAPE, temperatures(truth, ray)) - flat_k)
-        add(sums, frame_k + 0.05 * random.standard_normal(SHAPE), ray)
+        warmer_k = temperatures(truth, ray) - temperatures(VERTICAL, ray)
+        gust_k = 0.1 * random.standard_normal() * warmer_k
+        add_frame(sums, truth, ray, gust_k + 0.05 * random.standard_normal(SHAPE))
     explained = np.zeros(SHAPE, np.bool_)
     explained[:10] = True
     slopes = sums.solve(explained)
@@ -135,16 +116,12 @@ def test_gusts_widen_the_pixels_of_a_region_that_has_a_slope_and_refuse_others()
 
 
 def test_a_hot_stone_is_no_slope(scene):
-    sun, truth = scene
-    sums = MapSums(SHAPE, PAPER, 0.05)
-    for ray in sun:
-        add(sums, temperatures(truth, ray) + 15.0, ray)
-    assert (sums.solve().state == SlopeState.NO_INTERSECTION).mean() > 0.9
+    assert (mapped(*scene, error_k=15.0).state == SlopeState.NO_INTERSECTION).mean() > 0.9
 
 
 @pytest.mark.parametrize("hour_utc", [0, 3, 6])
 def test_winter_sun_lights_what_faces_it_and_shades_the_steep_north_side(hour_utc):
-    sun = sun_from(f"2017-12-11T{hour_utc:02d}:30", 20)
+    sun = suns(f"2017-12-11T{hour_utc:02d}:30", 20)
     away = np.degrees(np.arctan2(*-sun[10, :2]))
     truth = np.broadcast_to(normal(10.0, away + 180.0), (*SHAPE, 3)).copy()
     truth[:5] = normal(80.0, away)
@@ -154,7 +131,7 @@ def test_winter_sun_lights_what_faces_it_and_shades_the_steep_north_side(hour_ut
 
 
 def test_three_hours_explain_a_slope_as_well_as_twenty_minutes():
-    sun = sun_from("2017-12-11T01:30", 180, 3)
+    sun = suns("2017-12-11T01:30", 180, 3)
     truth = normal(*np.broadcast_arrays(np.linspace(0.0, 25.0, 30), np.full(SHAPE, 180.0)))
     exact, noisy = mapped(sun, truth), mapped(sun, truth, noise_k=0.05)
     assert (exact.state == SlopeState.OK).all()
@@ -166,7 +143,7 @@ def test_three_hours_explain_a_slope_as_well_as_twenty_minutes():
 
 @pytest.mark.parametrize(("start", "minutes"), [("01:30", 180), ("00:00", 360)])
 def test_hours_tell_a_steep_slope_from_its_flat_mirror(start, minutes):
-    sun = sun_from(f"2017-08-30T{start}", minutes)
+    sun = suns(f"2017-08-30T{start}", minutes)
     steep = np.broadcast_to(normal(40.0, 180.0), (*SHAPE, 3)).copy()
     steep[10:] = normal(12.0, 180.0)
     found = mapped(sun, steep, noise_k=0.05)
@@ -177,13 +154,13 @@ def test_hours_tell_a_steep_slope_from_its_flat_mirror(start, minutes):
 
 
 def test_hours_rule_out_a_slope_steeper_than_the_limit_whose_mirror_is_flat():
-    sun = sun_from("2017-08-30T01:30", 180)
+    sun = suns("2017-08-30T01:30", 180)
     found = mapped(sun, np.broadcast_to(normal(48.0, 180.0), (*SHAPE, 3)), noise_k=0.05)
     assert (found.state == SlopeState.NO_INTERSECTION).all()
 
 
 def test_two_slopes_that_fit_alike_are_told_the_flatter_first():
-    sun = sun_from("2017-08-30T03:00", 20)
+    sun = suns("2017-08-30T03:00", 20)
     found = mapped(sun, np.broadcast_to(normal(35.0, 180.0), (*SHAPE, 3)))
     assert (found.state == SlopeState.NOT_RESOLVED).all()
     assert (found.tilt_deg < found.second_tilt_deg).all()
@@ -208,20 +185,16 @@ def _the_papers_model_is_whole(monkeypatch):
     monkeypatch.setattr("fieldkit.estimation.pixel_slopes.PAPER_SCALE_SD", 0.0)
 
 
-def summed(normals, sun, seed: int = 1) -> MapSums:
-    """Frames of facets (rows, cols, 3), noisy to the stated noise of a difference."""
-    random = np.random.default_rng(seed)
-    sums = MapSums(normals.shape[:2], PAPER, NOISE_K)
-    for ray in sun:
-        noise = np.sqrt(2.0) * NOISE_K * random.standard_normal(normals.shape[:2])
-        add(sums, temperatures(normals, ray) + noise, ray)
-    return sums
+def noisy(shape, slope, sun, seed: int = 1) -> MapSums:
+    """Frames of one slope, noisy to the stated noise of a difference."""
+    facets = np.broadcast_to(normal(*slope), (*shape, 3))
+    return summed(sun, facets, np.sqrt(2.0) * NOISE_K, NOISE_K, seed=seed)
 
 
 @pytest.mark.parametrize("minutes", [25, 90, 240])
 @pytest.mark.parametrize(("tilt", "azimuth"), [(4.0, 180.0), (12.0, 120.0), (20.0, 90.0)])
 def test_nine_of_ten_pixels_hold_their_true_slope(minutes, tilt, azimuth):
-    sums = summed(np.broadcast_to(normal(tilt, azimuth), (40, 50, 3)), sun_from(MORNING, minutes))
+    sums = noisy((40, 50), (tilt, azimuth), suns(MORNING, minutes))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     known = np.isfinite(slopes.tilt_deg)
     holds = (bounds.tilt_low_deg[known] <= tilt) & (tilt <= bounds.tilt_high_deg[known])
@@ -235,8 +208,8 @@ def test_nine_of_ten_pixels_hold_their_true_slope(minutes, tilt, azimuth):
 
 @pytest.mark.parametrize(("tilt", "azimuth"), [(8.0, 150.0), (15.0, 180.0), (20.0, 100.0)])
 def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt, azimuth):
-    sun = sun_from(MORNING, 60)
-    sums = summed(np.broadcast_to(normal(tilt, azimuth), (1, 1, 3)), sun, seed=4)
+    sun = suns(MORNING, 60)
+    sums = noisy((1, 1), (tilt, azimuth), sun, seed=4)
     slopes, bounds = bounded(sums, NOISE_ALONE)
     best = normal(float(slopes.tilt_deg[0, 0]), float(slopes.azimuth_deg[0, 0]))
     flat = [float(temperatures(VERTICAL, ray)) for ray in sun]
@@ -255,7 +228,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt, azimuth):
 
 
 def test_flat_pixels_are_flat_and_face_nowhere():
-    sums = summed(np.broadcast_to(VERTICAL, (20, 30, 3)), sun_from(MORNING, 90))
+    sums = noisy((20, 30), (0.0, 0.0), suns(MORNING, 90))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     assert (slopes.state == SlopeState.FLAT).mean() > 0.85
     assert (slopes.state == SlopeState.OK).mean() < 0.15
@@ -266,7 +239,7 @@ def test_flat_pixels_are_flat_and_face_nowhere():
 
 
 def test_a_wide_region_is_uncertain_and_systematics_widen_it():
-    sums = summed(np.broadcast_to(normal(15.0, 90.0), (10, 10, 3)), sun_from(MORNING, 180))
+    sums = noisy((10, 10), (15.0, 90.0), suns(MORNING, 180))
     uncertain = ({}, {"scale_sd": 0.2}, {"offset_sd_k": 0.5}, {"drift_sd_k_per_h": 0.5})
     found = [bounded(sums, replace(NOISE_ALONE, **more)) for more in uncertain]
     widths = [float(np.median(bounds.tilt_high_deg - bounds.tilt_low_deg)) for _, bounds in found]
@@ -278,13 +251,9 @@ def test_a_wide_region_is_uncertain_and_systematics_widen_it():
 
 
 def test_pixels_without_a_slope_have_no_bounds():
-    sun = sun_from(MORNING, 30)
-    sums = MapSums((4, 5), PAPER, NOISE_K)
-    for ray in sun:
-        frame_k = np.broadcast_to(temperatures(normal(10.0, 150.0), ray), (4, 5)).copy()
-        frame_k[:2] = np.nan
-        add(sums, frame_k, ray)
-    slopes, bounds = bounded(sums, NOISE_ALONE)
+    error_k = np.array([[np.nan], [np.nan], [0.0], [0.0]])
+    facets = np.broadcast_to(normal(10.0, 150.0), (4, 5, 3))
+    slopes, bounds = bounded(summed(suns(MORNING, 30), facets, error_k=error_k), NOISE_ALONE)
     for plane in (bounds.tilt_low_deg, bounds.tilt_high_deg, bounds.azimuth_low_deg, bounds.azimuth_high_deg):
         assert np.isnan(plane[:2]).all()
         assert np.isfinite(plane[2:]).all()

@@ -5,19 +5,16 @@ import pytest
 
 from fieldkit.estimation.scale import identify, offsets_from_uniform, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
-from fieldkit.model.site import Site
-from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
+from fieldkit.physics.energy_balance import irradiance_per_kelvin
 from fieldkit.physics.facet import VERTICAL, normal
-from fieldkit.physics.sun import sun_vectors
+from tests.harness.papers_field import SURFACE as PAPER
+from tests.harness.papers_field import suns, temperatures_k
 
-SITE = Site(35.558675, 139.395232, 9.0)
-PAPER = SurfaceParameters()
 SIGMA = np.sqrt(2.0) * 31.0 * 0.1 / 800.0
 
 
 def sun(minutes: int) -> np.ndarray:
-    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
-    return sun_vectors(start + np.arange(minutes) * 60_000_000_000, SITE)
+    return suns("2017-08-30T03:00", minutes)
 
 
 @pytest.mark.parametrize(("minutes", "sd"), [(21, 0.02), (181, 0.006)])
@@ -84,8 +81,7 @@ def test_uniform_target_gives_offsets_with_honest_errors():
 def test_known_beds_determine_steepness_but_not_its_split():
     rays, random = sun(181), np.random.default_rng(4)
     beds = normal([10.0, 20.0, 25.0], [180.0, 180.0, 90.0])
-    target = surface_temperature(800.0 * (beds @ rays.T), 400.0, 303.15, PAPER)
-    flat = np.tile(surface_temperature(800.0 * rays[:, 2], 400.0, 303.15, PAPER), (3, 1))
+    target, flat = temperatures_k(beds, rays), np.tile(temperatures_k(VERTICAL, rays), (3, 1))
     sunlight = 800.0 * ((beds - VERTICAL) @ rays.T)
     warm, base = (t + 0.1 * random.standard_normal(t.shape) for t in (target, flat))
     found = identify(
@@ -102,8 +98,7 @@ def test_known_beds_determine_steepness_but_not_its_split():
 
 def test_split_that_data_do_not_tell_is_called_the_priors():
     rays, bed = sun(30), normal(20.0, 180.0)
-    target = surface_temperature(800.0 * (rays @ bed), 400.0, 303.15, PAPER)
-    flat = surface_temperature(800.0 * rays[:, 2], 400.0, 303.15, PAPER)
+    target, flat = (temperatures_k(one, rays) for one in (bed, VERTICAL))
     found = identify(target, flat, 800.0 * (rays @ (bed - VERTICAL)), 0.1, (PAPER.alpha, PAPER.beta))
     assert found.share_is_prior
 

@@ -15,12 +15,6 @@ from fieldkit.physics.daylight import (
 )
 
 
-def test_erbs_at_the_joints_of_the_correlation():
-    # Erbs, Klein and Duffie 1982, eq. (1): 1 - 0.09 k; polynomial; 0.165
-    found = diffuse_fraction_erbs([0.0, 0.22, 0.5, 0.80001, 1.1])
-    np.testing.assert_allclose(found, [1.0, 0.9802, 0.6592, 0.165, 0.165], atol=5e-4)
-
-
 def test_erbs_share_is_found_from_the_direct_light_that_it_leaves():
     clearness = np.array([0.1, 0.35, 0.6, 0.75, 0.9])
     share = diffuse_fraction_erbs(clearness)

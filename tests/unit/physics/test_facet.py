@@ -10,24 +10,9 @@ def test_normals_of_the_compass_point_where_they_say():
     np.testing.assert_allclose(normals, expected, atol=1e-15)
 
 
-def test_angles_broadcast():
-    assert normal(np.zeros((4, 1)), np.zeros(3)).shape == (4, 3, 3)
-
-
-def test_vertical_normal_has_azimuth_zero():
-    tilt, azimuth = tilt_azimuth([0.0, 0.0, 2.0])
-    assert (tilt, azimuth) == (0.0, 0.0)
-
-
 def test_a_hair_west_of_north_stays_below_360():
     _, azimuth = tilt_azimuth([-1e-18, 1.0, 1.0])
     assert 0.0 <= azimuth < 360.0
-
-
-def test_length_of_the_vector_does_not_matter():
-    tilt, azimuth = tilt_azimuth(7.0 * normal(23.0, 300.0))
-    assert tilt == pytest.approx(23.0, abs=1e-12)
-    assert azimuth == pytest.approx(300.0, abs=1e-12)
 
 
 def test_shapes_of_facets_and_suns_combine():
@@ -46,5 +31,5 @@ def test_microdegree_between_directions_is_resolved():
 
 @pytest.mark.parametrize("azimuth", [0.0, 90.0, 180.0, 270.0])
 def test_a_flat_facet_has_azimuth_zero_whatever_it_was_made_of(azimuth):
-    tilt, found = tilt_azimuth(normal(0.0, azimuth))
+    tilt, found = tilt_azimuth(2.0 * normal(0.0, azimuth))
     assert (tilt, found) == (0.0, 0.0)

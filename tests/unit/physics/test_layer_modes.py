@@ -45,19 +45,6 @@ def test_stores_warm_a_surface_within_the_stated_share_of_the_series():
         )
 
 
-def test_a_deep_layer_warms_with_the_root_of_time():
-    expected = 2.0 * np.sqrt(MINUTES_S / np.pi) / 570.0
-    np.testing.assert_allclose(from_modes([570.0], [5.0], MINUTES_S)[0], expected, rtol=STATED)
-
-
-def test_a_layer_ends_as_its_mean_temperature_and_a_third_of_its_resistance():
-    """Late after the step: t / (C d) + d / (3 k) (3.8, eq. 3)."""
-    time_s = np.array([5.0, 8.0, 10.0]) * 3600.0
-    expected = time_s / (CAPACITY * 0.03) + 0.03 / (3.0 * SAND.conductivity_w_m_k)
-    found = from_modes([SAND.thermal_inertia], [0.03], time_s)[0]
-    np.testing.assert_allclose(found, expected, rtol=STATED)
-
-
 @pytest.mark.parametrize("depth_m", [0.015, 0.03, 0.3])
 def test_warming_and_heat_of_a_step_of_temperature_undo_each_other(depth_m):
     """A step's response to flux convolved with that to temperature is the time: the two are inverses."""

@@ -48,11 +48,6 @@ def test_reflected_sky_cools_the_picture(emissivity):
     np.testing.assert_allclose(surface_temperature_k(found, emissivity, reflected), 318.15, atol=1e-6)
 
 
-def test_black_surface_needs_no_correction():
-    kelvin = np.array([[250.0, 300.0], [310.0, 350.0]])
-    np.testing.assert_allclose(surface_temperature_k(kelvin, 1.0, 233.15), kelvin, atol=1e-9)
-
-
 def test_reflection_brighter_than_all_that_was_seen_gives_nothing():
     assert np.isnan(surface_temperature_k(250.0, 0.3, 350.0))
 

@@ -11,7 +11,7 @@ NORTH_EAST = np.array([2.0, 3.0, 6.0]) / 7.0  # 4 + 9 + 36 = 49
 
 
 def test_slope_and_heading_of_hand_computed_normals():
-    tilt, azimuth = tilt_azimuth(np.array([FACING_EAST, NORTH_EAST]))
+    tilt, azimuth = tilt_azimuth(np.array([FACING_EAST, 7.0 * NORTH_EAST]))  # of any length
     assert tilt == pytest.approx([36.8698976, 31.0027191], abs=1e-6)  # arc cosines of 4/5 and 6/7
     assert azimuth == pytest.approx([90.0, 33.6900675], abs=1e-6)  # arc tangent of 2/3
 

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.facet import normal
-from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (
     Conditions,
     Outcome,
@@ -27,16 +26,15 @@ from fieldkit.study.estimators import (
 )
 from fieldkit.study.runs import POSTERIOR_SLOPES, StudyOptions, slopes_for
 from fieldkit.weather import packaged_day
+from tests.harness.papers_field import SITE, suns, utc_ns
 
-PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOISELESS = StudySettings()
 
 
 def conditions(hour_utc: int, minutes: int = 20, direct: float | None = None) -> Conditions:
-    start = np.datetime64(f"2017-08-30T{hour_utc:02d}:00", "ns").astype(np.int64)
-    times = start + np.arange(minutes + 1, dtype=np.int64) * 60_000_000_000
-    sun = sun_vectors(times, PAPER)
-    modelled, _ = clear_sky(sun[:, 2], times, PAPER.elevation_m, 4.16)
+    start = f"2017-08-30T{hour_utc:02d}:00"
+    times, sun = utc_ns(start) + np.arange(minutes + 1) * MINUTE_NS, suns(start, minutes + 1)
+    modelled, _ = clear_sky(sun[:, 2], times, SITE.elevation_m, 4.16)
     light = modelled if direct is None else np.full(times.size, direct)
     return Conditions(sun, light, np.full(times.size, 400.0), np.full(times.size, 303.15))
 

@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.normal import Misfit, choose, solve
-from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
-from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.posterior import posterior
-
-SITE = Site(35.558675, 139.395232, 9.0)
-NOON = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
+from tests.harness.papers_field import suns
 
 
 def sun(minutes: int) -> np.ndarray:
-    return sun_vectors(NOON + np.arange(minutes) * 60_000_000_000, SITE)
+    return suns("2017-08-30T03:00", minutes)
 
 
 def test_noiseless_minutes_give_the_slope():
