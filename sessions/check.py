@@ -271,7 +271,7 @@ def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Find
         yield _warn(info.name, Words("issue.implausible", **values), _LIMITS)
     for excess in excesses:
         at = np.datetime64(int(reader.time_ns(excess.first, excess.first + 1)[0]) // 1_000_000_000, "s")
-        yield _warn(info.name, Words("issue.excess", excess=excess.words(f"{at}Z")), _LIMITS)
+        yield _warn(info.name, excess.words(f"{at}Z"), _LIMITS)
 
 
 def _flags(name: str, flags: FlagArray) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from fieldkit.model.errors import RefusedError
+from fieldkit.phrases import Words
 
 RECORDING = "lock"
 RECOVERY = "recovery.lock"
@@ -44,8 +45,8 @@ class SessionLock(AbstractContextManager["SessionLock"]):
             _lock(self._descriptor)
         except OSError as error:
             owner = os.read(self._descriptor, OWNER_BYTES).decode(errors="replace").strip()
-            fix = "wait until it has ended, or stop it first"
-            raise RefusedError(f"{folder} is in use by process {owner}", fix=fix) from error
+            problem = Words("error.in_use", folder=folder, process=owner)
+            raise RefusedError(problem, fix=Words("fix.wait")) from error
         os.pwrite(self._descriptor, f"{os.getpid()}\n".encode().ljust(OWNER_BYTES), 0)
 
     def __exit__(self, *_: object) -> None:

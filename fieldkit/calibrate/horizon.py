@@ -18,6 +18,7 @@ from fieldkit.config.pose import Pose, load_pose
 from fieldkit.config.references import COLUMNS
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.phrases import Words
 from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, rays
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.horizon import Horizon, higher_horizon, horizon_of_neighbours
@@ -99,9 +100,7 @@ def horizon_of_pixels(
     table = np.asarray(pixels, np.float64).reshape(-1, 2)
     inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
     if len(table) < 2 or not inside:
-        raise ConfigError(
-            "needs two or more pixels, all within the frame", place=source, fix="check the size of the frame"
-        )
+        raise ConfigError(Words("error.skyline"), place=source, fix="check the size of the frame")
     camera = pose.camera(shape, Grid())  # yaw is against true north
     x, y = table.T
     lines = np.stack(
@@ -151,11 +150,7 @@ def set_skyline(
     Seen by ``camera.pose`` at a time (UTC nanoseconds). Raises `ConfigError`.
     """
     if config.pose is None:
-        raise ConfigError(
-            "a skyline needs the pose of the camera",
-            place="camera.pose",
-            fix='write pose = "pose.toml" under [camera]',
-        )
+        raise ConfigError(Words("error.no_pose"), fix=Words("fix.pose"))
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
     file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
     write_horizon(file, horizon)

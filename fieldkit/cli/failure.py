@@ -20,6 +20,7 @@ import click
 from fieldkit.cli.common import discard, json_text, options, to_stderr
 from fieldkit.cli.next_steps import in_commands
 from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.phrases import text_document
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
@@ -111,7 +112,8 @@ def explain(error: FieldkitError) -> None:
     """
     message, fix = in_commands(error.explanation), in_commands(error.fix) if error.fix else None
     if options().json:
-        to_stderr(json_text({"error": message, "fix": fix, "exit_code": error.exit_code}))
+        words = text_document(error.words)
+        to_stderr(json_text({"error": message, "fix": fix, "exit_code": error.exit_code, "words": words}))
         return
     to_stderr(f"error: {message}")
     if fix:

@@ -22,6 +22,7 @@ from fieldkit.model.errors import ConfigError, StorageError, os_errors_as
 from fieldkit.model.next_step import Action
 from fieldkit.model.spelling import did_you_mean
 from fieldkit.model.text_file import parse_toml, read_text
+from fieldkit.phrases import Words
 
 
 @dataclass
@@ -39,7 +40,7 @@ class Draft:
         if mistakes:
             raise ConfigMistakesError(
                 [(where, mistake) for mistake in mistakes],
-                fix="correct what was asked for: nothing was changed",
+                fix=Words("fix.unchanged"),
             )
         self.text = text
 
@@ -59,7 +60,7 @@ def editing(file: Path) -> Iterator[Draft]:
 def add_region(draft: Draft, region: Mapping[str, Any]) -> None:
     """Append a ``[[region]]``; raises `ConfigMistakesError` if it is invalid."""
     text = draft.text.rstrip("\r\n") + "\n\n[[region]]\n" + _assignments(region)
-    draft.put(text, ("region", len(_names(draft))), f"the new region {region['name']!r}")
+    draft.put(text, ("region", len(_names(draft))), str(region["name"]))
 
 
 def add_instrument(draft: Draft, path: Sequence[str], table: Mapping[str, Any]) -> None:
@@ -89,7 +90,7 @@ def change_region(draft: Draft, name: str, changes: Mapping[str, Any]) -> None:
     redrawn = ["points_m"] if "points_px" in changes else []  # in pixels, no longer on the ground
     for key in [*redrawn, *(key for key, value in changes.items() if value is None)]:
         document["region"][0].pop(key, None)
-    draft.put(before + tomlkit.dumps(document) + after, ("region", index), f"region {name!r}")
+    draft.put(before + tomlkit.dumps(document) + after, ("region", index), name)
 
 
 def set_key(draft: Draft, table: str, key: str, value: Any) -> None:
@@ -118,7 +119,7 @@ def _find(draft: Draft, name: str) -> int:
     names = _names(draft)
     if name not in names:
         fix = did_you_mean(name, map(str, names)) if names else "add it: " + Action.ADD_REGION()
-        raise ConfigError("there is no such region", place=name, fix=fix)
+        raise ConfigError(Words("error.no_region"), place=name, fix=fix)
     return names.index(name)
 
 
@@ -127,7 +128,7 @@ def _names(draft: Draft) -> list[Any]:
     values, file = tomllib.loads(draft.text), draft.file
     if "region" in values and ("region", 0) not in key_lines(draft.text):
         raise ConfigError(
-            "defines its regions inline (region = ...), which can only be edited by hand",
+            Words("error.inline"),
             place=file,
             fix=f"edit {file}: write each region as its own [[region]] and remove region = ...",
         )

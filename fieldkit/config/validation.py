@@ -29,6 +29,7 @@ from fieldkit.model.quantities import LIMITS
 from fieldkit.model.site import Region, RegionKind, known_zone
 from fieldkit.model.spelling import did_you_mean, nearest
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.phrases import Words
 
 UNITS: Mapping[str, tuple[str, Mapping[str, float]]] = {
     "": ("", {"%": 100.0}),
@@ -85,13 +86,15 @@ class ConfigMistakesError(ConfigError):
     """All mistakes of a configuration; `mistakes` holds one line for each."""
 
     def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: Text | None = None) -> None:
-        places = [(f"{where}: {mistake.key}", mistake.message) for where, mistake in mistakes]
-        self.mistakes: tuple[str, ...] = tuple(f"{place}: {message}" for place, message in places)
-        if len(places) == 1:
-            ((place, message),) = places
-            super().__init__(message, place=place, fix=fix)
+        self.causes = [
+            ConfigError(mistake.message, place=f"{where}: {mistake.key}") for where, mistake in mistakes
+        ]
+        self.mistakes: tuple[str, ...] = tuple(cause.message for cause in self.causes)
+        if len(self.causes) == 1:
+            (cause,) = self.causes
+            super().__init__(cause.problem, place=cause.place, fix=fix)
         else:
-            count = f"{len(places)} mistakes in the configuration"
+            count = f"{len(self.causes)} mistakes in the configuration"
             super().__init__("\n  ".join([count, *self.mistakes]), fix=fix)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -131,6 +134,8 @@ def _path_in(values: Any, detail: ErrorDetails) -> KeyPath:
 def _message(detail: ErrorDetails, path: KeyPath) -> str:
     if detail["type"] in UNKNOWN_KEY:
         return _unknown_key_message(path)
+    if path[::2] == ("region", "name"):
+        return Words("error.region_name", name=repr(detail["input"]))
     if detail["type"] == "missing":
         return f"missing; expected {describe_value(node_at(path))}"
     return _unlike(path, detail["input"])
@@ -244,8 +249,7 @@ def _crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
     for path, region in regions_in(document):
         corners = outline(region.get("points_px"))
         if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
-            message = "the outline crosses itself; list the corners in order around the region"
-            yield Mistake((*path, "points_px"), message)
+            yield Mistake((*path, "points_px"), Words("issue.region.crosses"))
 
 
 def _repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -334,7 +338,7 @@ def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if not isinstance(name, str):
             continue
         if name.casefold() in seen:
-            yield Mistake((*path, "name"), f"duplicate region name {seen[name.casefold()]!r}")
+            yield Mistake((*path, "name"), Words("error.duplicate", name=seen[name.casefold()]))
         seen.setdefault(name.casefold(), name)
 
 
@@ -366,14 +370,12 @@ def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     regions = regions_in(document)
     is_needed = table_in(document, "estimator").get("reference") != "weather"
     if is_needed and regions and not any(region.get("kind") == "reference" for _, region in regions):
-        yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
+        yield Mistake(("region",), Words("error.no_reference"))
     for path, region in regions:
         if region.get("kind") == "reference" and "surface_kind" in region:
-            message = "a reference's kind of surface is surface.kind; omit it here"
-            yield Mistake((*path, "surface_kind"), message)
+            yield Mistake((*path, "surface_kind"), Words("error.reference_surface"))
         if region.get("kind") == "blackbody" and not {"probes", "emissivity"} <= region.keys():
-            message = "a black body needs probes that show its temperature, and its emissivity (water: 0.96)"
-            yield Mistake((*path, "kind"), message)
+            yield Mistake((*path, "kind"), Words("error.blackbody"))
 
 
 def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -384,8 +386,8 @@ def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
     for path, region in regions_in(document):
         for x, y in outline(region.get("points_px")) or () if not region.get("camera") else ():
             if not (0 <= x <= width - 1 and 0 <= y <= height - 1):
-                where = f"corner ({x:g}, {y:g}) is outside the frame of {width} x {height} pixels"
-                yield Mistake((*path, "points_px"), where)
+                corner = {"x": f"{x:g}", "y": f"{y:g}", "cols": width, "rows": height}
+                yield Mistake((*path, "points_px"), Words("error.corner_outside", **corner))
                 break
 
 
@@ -416,7 +418,7 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
     for path, region in regions_in(document):
         tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
         if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
-            yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
+            yield Mistake((*path, "tilt_deg"), Words("error.reference_azimuth"))
 
 
 def _simulated_field(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -85,6 +85,11 @@ class RegionInspection:
         return self.failures + self.warnings
 
     @property
+    def named_failures(self) -> list[str]:
+        """The failures, each with the region's name."""
+        return [Words("text.of", what=self.region.name, text=failure) for failure in self.failures]
+
+    @property
     def level(self) -> Level:
         """The worst level of all issues."""
         return "FAIL" if self.failures else "warn" if self.warnings else "ok"

@@ -14,6 +14,7 @@ from fieldkit.model.arrays import BoolArray, FloatArray, SingleArray
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.phrases import Words
 
 LEAST_CONTRAST_K = 0.5
 CONTRAST_OVER_SPREAD = 3.0
@@ -34,8 +35,8 @@ _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Distances from the edge of an even area, which ends up to two pixels before that of its bed."""
 _FARTHER = 1.5  # by so much of the pixels of an enlarged frame, which may see both
-NEARER = "bring the camera nearer or turn it to the beds, or draw them: " + Action.ADD_REGION()
-FIX = "try again when the sun has warmed the beds apart, or draw them: " + Action.ADD_REGION()
+NEARER = Words("fix.nearer") + ", or draw them: " + Action.ADD_REGION()
+FIX = Words("fix.warmed") + ", or draw them: " + Action.ADD_REGION()
 
 
 Outline = tuple[tuple[float, float], ...]
@@ -70,7 +71,7 @@ def find_beds(frame: FloatArray, noise_k: float = math.nan) -> list[FoundBed]:
     Raises `NoAnswerError` where there is none that can be used; the message states what is missing.
     """
     if not np.isfinite(frame).any():
-        raise NoAnswerError("the frame has no known temperature", fix=FIX)
+        raise NoAnswerError(Words("error.no_temperature"), fix=FIX)
     filled = np.where(np.isfinite(frame), frame, np.nanmedian(frame))
     enlarged, factor = (max(1, round(ratio)) for ratio in (_COLS / frame.shape[1], frame.shape[1] / _COLS))
     image = _working_image(filled, enlarged, factor)
@@ -198,13 +199,10 @@ def _region(corners: FloatArray | Outline) -> Region:
 
 def _missing(candidates: list[FoundBed], checks: list[RegionInspection]) -> str:
     if not candidates:
-        return "no even area with four straight edges was found in the frame"
+        return Words("error.no_area")
     if checks:
         largest = max(checks, key=lambda check: check.pixels)
-        return f"the largest area that could be a bed has {largest.pixels} px: {'; '.join(largest.issues)}"
+        return Words("error.largest_area", pixels=largest.pixels, why=largest.issues)
     best = max(candidates, key=lambda bed: bed.contrast_k)
     needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
-    return (
-        "no area differs enough from its surroundings on all sides: "
-        f"the most distinct by {best.contrast_k:.1f} K, a bed by {needed:.1f} K"
-    )
+    return Words("error.indistinct", kelvin=f"{best.contrast_k:.1f}", needed=f"{needed:.1f}")

@@ -6,11 +6,11 @@ import re
 from datetime import datetime, time, timedelta
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.phrases import Words
 
 UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 LONGEST_S = 100 * 365.25 * 86_400.0
 """A hundred years: more is a typing error."""
-EXAMPLES = "use 3h, 90m or 45s"
 _UNIT_AFTER = {"m": "s", "h": "m", "d": "h"}
 """The unit of a bare number, by the unit in front of it: ``2h30`` is two hours and thirty minutes."""
 
@@ -21,13 +21,13 @@ def parse_duration(text: str) -> float:
     Raises `ConfigError` for anything else, also for a number without any unit or more than a hundred years.
     """
     if not re.fullmatch(r"(\d+(\.\d+)?(min|[dhms]))+((?<!s)\d+(\.\d+)?)?", text):
-        raise ConfigError("is not a valid duration", place=repr(text), fix=EXAMPLES)
+        raise ConfigError(Words("error.duration"), place=repr(text), fix=Words("fix.duration"))
     total, last_unit = 0.0, ""
     for number, unit in re.findall(r"(\d+(?:\.\d+)?)([dhms]?)", text.replace("min", "m")):
         total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
         last_unit = unit
     if total > LONGEST_S:
-        raise ConfigError("is longer than a hundred years", place=repr(text[:20]), fix=EXAMPLES)
+        raise ConfigError(Words("error.century"), place=repr(text[:20]), fix=Words("fix.duration"))
     return total
 
 
@@ -77,7 +77,8 @@ def parse_time_of_day(text: str) -> time:
         hour, minute = (int(part) for part in text.split(":"))
         return time(hour, minute)
     except ValueError:
-        raise ConfigError("is not a valid time of day", place=repr(text), fix="write it as 15:05") from None
+        fix = Words("fix.time_of_day")
+        raise ConfigError(Words("error.time_of_day"), place=repr(text), fix=fix) from None
 
 
 def times_of_day(text: str) -> tuple[time, ...]:

@@ -26,9 +26,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from fieldkit.model.next_step import Phrase, Text
+from fieldkit.model.next_step import Phrase, Text, in_words, next_step, without_keys
+from fieldkit.phrases import Words, phrases
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
@@ -50,6 +52,8 @@ class FieldkitError(Exception):
     """
 
     exit_code = 1
+    causes: Sequence[FieldkitError] = ()
+    """The errors that this one reports together."""
 
     def __init__(
         self, problem: Text, *, place: str | Path | Phrase | None = None, fix: Text | None = None
@@ -76,6 +80,27 @@ class FieldkitError(Exception):
     def line(self) -> Text:
         """Explanation and fix, for a message that has one line."""
         return self.explanation + ("; " + self.fix if self.fix else "")
+
+    @cached_property
+    def words(self) -> str:
+        """What happened where and what to do next, by the catalogue: without options, keys and commands.
+
+        A problem without a key is the value of a text for its class.
+        """
+        texts = [cause._words() for cause in self.causes or (self,)]
+        text = texts[0] if len(texts) == 1 else Words("text.all", texts=texts)
+        step = next_step(self.fix)
+        return Words("text.next", text=text, step=step) if step else text
+
+    def _words(self) -> str:
+        problem = in_words(self.problem)
+        if not isinstance(problem, Words):
+            keys = (f"error.{kind.__name__}" for kind in type(self).__mro__)
+            problem = Words(next(key for key in keys if key in phrases()), text=without_keys(problem))
+        if self.place is None or isinstance(self.place, Phrase):
+            return problem
+        place = without_keys(f"{getattr(self.place, 'name', self.place)}: ").removesuffix(": ")
+        return Words("text.of", what=place, text=problem) if place else problem
 
     def __str__(self) -> str:
         """Message and fix, so that a traceback or a notebook also shows what to do next."""

@@ -20,6 +20,7 @@ from fieldkit.model.channels import air_quantities, quantity_of, radiation_compo
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.quantities import LIMITS, QUANTITIES, Limit, Meaning, Range, Rare
 from fieldkit.model.samples import Frame, Quality, Sample, is_usable
+from fieldkit.phrases import Words
 
 S = TypeVar("S", bound=Sample)
 
@@ -96,13 +97,11 @@ class Excess:
 
     def words(self, where: str) -> str:
         """In words; `where` names the row or time of the first, behind "at"."""
-        count = f"{self.count} implausible {'value' if self.count == 1 else 'values'}"
         low, high = self.limit
+        key = "issue.excess.sun" if low <= self.value <= high else "issue.excess"
         value = f"{self.value:.6g} {self.unit}".rstrip()
-        possible = f"possible: {low:.4g} to {high:.4g}"
-        if low <= self.value <= high:
-            possible = "more than the sun gives at its height then; are place and time right?"
-        return f"{self.channel}: {count}, the first {value} at {where}; {possible}"
+        limits = {"low": f"{low:.4g}", "high": f"{high:.4g}"}
+        return Words(key, channel=self.channel, count=self.count, value=value, where=where, **limits)
 
 
 def excesses(

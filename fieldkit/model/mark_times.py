@@ -11,6 +11,7 @@ from fieldkit.model.marks import Mark, When
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
@@ -32,8 +33,7 @@ def parse_when(text: str, now: datetime) -> When:
             return _last(time_of_day.fromisoformat(text), now).isoformat()
         moment = datetime.fromisoformat(text)
     except ValueError:  # also a `ConfigError`
-        fix = "use -30s, 12:31 or 2026-12-11T12:31+09:00"
-        raise ConfigError("is not a valid time", place=repr(text), fix=fix) from None
+        raise ConfigError(Words("error.time"), place=repr(text), fix=Words("fix.time")) from None
     return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
 
 
@@ -65,10 +65,10 @@ def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
     for end, moment in zip(ends, moments, strict=True):
         if not start - HASTE <= moment <= now + CLOCKS_DIFFER:
             text = f"{end:g} s" if isinstance(end, float) else str(end)
-            what = f"outside the recording, from {start:%Y-%m-%d %H:%M} to {now:%Y-%m-%d %H:%M}"
-            raise ConfigError(what, place=text, fix="give a time within the recording")
+            what = Words("error.outside", start=f"{start:%Y-%m-%d %H:%M}", end=f"{now:%Y-%m-%d %H:%M}")
+            raise ConfigError(what, place=text, fix=Words("fix.within"))
     if moments[-1] < moments[0]:
-        raise ConfigError("the end lies before the start", place=Argument("to"), fix="exchange begin and end")
+        raise ConfigError(Words("error.end_before"), place=Argument("to"), fix=Words("fix.exchange"))
 
 
 def moment_of(when: When, now: datetime) -> datetime:
@@ -80,4 +80,4 @@ def moment_of(when: When, now: datetime) -> datetime:
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
     """Raise `ConfigError` for a shade test of a region that there is not."""
     if test is not None and test[0] not in names:
-        raise ConfigError("no region is called so", place=test[0], fix=did_you_mean(test[0], names))
+        raise ConfigError(Words("error.no_region_so"), place=test[0], fix=did_you_mean(test[0], names))

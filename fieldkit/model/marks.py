@@ -20,6 +20,7 @@ from typing import ClassVar
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.units import SECOND_NS
+from fieldkit.phrases import Words
 
 _SHADE_TEST = re.compile(r"shade[ -]test (?:of )?(?P<region>.+?)(?: (?P<phase>begin|end))?", re.IGNORECASE)
 _NO_NOTE = {"corrects", "acknowledge"}
@@ -108,8 +109,8 @@ def numbers_named(name: int | str, marks: Mapping[int, Event]) -> list[int]:
     numbers = [number for number, mark in marks.items() if str(name) in (str(number), mark.text)]
     if not numbers:
         choices = "; ".join(f"{number} {mark.text[:40]}" for number, mark in marks.items())
-        fix = f"name one of its marks: {choices or 'none'}"
-        raise ConfigError("the session has no such mark", place=repr(name), fix=fix)
+        fix = Words("fix.marks", marks=choices or "-")
+        raise ConfigError(Words("error.no_mark"), place=repr(name), fix=fix)
     return numbers
 
 
@@ -127,4 +128,4 @@ def _time_ns(when: When, now_ns: int) -> int:
 def _check_near(when: When, away_s: float) -> None:
     """Raise `ConfigError` for a mistyped year: no recording is ten years long."""
     if not abs(away_s) <= TEN_YEARS_S:  # NaN is rejected too
-        raise ConfigError("is more than ten years away", place=str(when), fix="give the time with its date")
+        raise ConfigError(Words("error.decade"), place=str(when), fix=Words("fix.date"))

@@ -7,10 +7,16 @@ and arguments of Python, the command line commands and options.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
+
+from fieldkit.phrases import Words
+
+_KEYS = re.compile(r"(?:--[\w-]+|\w+\[\d+\](?:\.\w+)*): ")
+_COMMANDS = re.compile(r"--\w|\bfieldkit\b|\.toml\b")
 
 
 class Phrase:
@@ -98,6 +104,31 @@ class Step(Phrase):
         positional = ", ".join(map(_literal, self.values)) or names.rstrip(")")
         inside = ", ".join(filter(None, (positional, *map(str, self.arguments))))
         return f"{name}({inside})"
+
+
+def in_words(text: Text) -> str:
+    """A text with its actions and arguments in plain words, for readers without commands and calls."""
+    match text:
+        case Sentence(parts):
+            return "".join(map(in_words, parts))
+        case Step(action):
+            return Words(f"next.{action.name.lower()}")
+        case Argument(name, value):
+            return " ".join(map(str, filter(None, (name.replace("_", " "), value))))
+    return text if isinstance(text, str) else str(text)
+
+
+def without_keys(text: str) -> str:
+    """A text without options and keys in front of what it says about them."""
+    return _KEYS.sub("", text)
+
+
+def next_step(fix: Text | None) -> str:
+    """A fix by the catalogue, for readers without commands: empty if only a command would do."""
+    words = [in_words(part) for part in _parts(fix or "") if isinstance(part, Words | Step)]
+    if words:
+        return Words("text.all", texts=words)
+    return Words("text.original", text=fix) if isinstance(fix, str) and not _COMMANDS.search(fix) else ""
 
 
 def _parts(text: Text) -> tuple[Text, ...]:

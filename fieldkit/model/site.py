@@ -20,6 +20,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import NumberedEnum
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.phrases import Words
 
 EARTH_RADIUS_M = 6_371_000.0
 ELEVATIONS_M = (-10_000.0, 25_000.0)
@@ -209,8 +210,8 @@ class Region:
             inner = corners + pixels * mitre
         is_convex = np.sum((np.roll(inner, -1, axis=0) - inner) * along, axis=1) > 0.0  # no edge is reversed
         if not (is_convex.all() and inward.any()):
-            what = f"nothing of it is {pixels:g} px inside its edge"
-            raise ConfigError(what, place=self.name, fix="shrink the region by fewer pixels")
+            what = Words("error.shrunk", pixels=f"{pixels:g}")
+            raise ConfigError(what, place=self.name, fix=Words("fix.shrink"))
         return replace(self, points_px=tuple((float(x), float(y)) for x, y in inner))
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+from fieldkit.phrases import Words
+
 
 def nearest(name: str, names: Iterable[str]) -> str | None:
     """The one of `names` that is spelled most like `name`, whatever its capitals; None if none is."""
@@ -17,4 +19,4 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """``did you mean camera?``, or else the names there are."""
     listed = list(names)
     near = nearest(name, listed)
-    return f"did you mean {near}?" if near else f"available: {', '.join(listed[:50]) or 'none'}"
+    return Words("fix.near", name=near) if near else Words("fix.names", names=", ".join(listed[:50]) or "-")

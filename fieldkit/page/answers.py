@@ -25,11 +25,10 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
-from fieldkit.page.outgoing import without_commands
 from fieldkit.page.phrases import PageError, issue_document
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
-from fieldkit.phrases import text_document
+from fieldkit.phrases import ENGLISH, Words, in_language, text_document
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.marks import correct_mark, mark_of
@@ -57,29 +56,23 @@ T = TypeVar("T")
 
 
 class Done(NamedTuple):
-    """Result of a request, and whether it went well: the key of a text with data, or the recorder's event.
+    """Result of a request, and whether it went well: a text, data, or the recorder's event."""
 
-    An error of another part of the program has a text of its own instead, with what to do next.
-    """
-
-    key: str = ""
+    text: str = ""
     data: Any = None
     ok: bool = True
     event: Document | None = None
-    text: str = ""
-    fix: str | None = None
 
-    def answer(self, id: int | None) -> Document:
-        """The answer to a request."""
-        return {"type": "answer", "id": id, **self._asdict()}
+    def answer(self, id: int | None, language: str = ENGLISH) -> Document:
+        """The answer in a language to a request; with the values of its text, where it has no other data."""
+        answer = {"type": "answer", "id": id, **self._asdict(), **text_document(self.text)}
+        data = answer.get("data") if self.data is None else self.data
+        return {**answer, "data": data, "text": in_language(self.text, language)}
 
 
-def failure(id: int | None, error: FieldkitError) -> Document:
+def failure(id: int | None, error: FieldkitError, language: str) -> Document:
     """The answer that explains an error."""
-    if isinstance(error, PageError):
-        return Done(error.key, error.values, ok=False).answer(id)
-    text, fix = without_commands(error)
-    return Done(ok=False, text=text, fix=fix).answer(id)
+    return Done(error.words, ok=False).answer(id, language)
 
 
 @dataclass
@@ -97,9 +90,9 @@ class Answers:
         try:
             if viewer.role != "control" and not isinstance(request, requests.FOR_ANYONE):
                 raise PageError("view_only")
-            return (await self._carry_out(viewer, request)).answer(request.id)
+            return (await self._carry_out(viewer, request)).answer(request.id, viewer.language)
         except FieldkitError as error:
-            return failure(request.id, error)
+            return failure(request.id, error, viewer.language)
 
     async def _carry_out(self, viewer: Viewer, request: requests.Request) -> Done:
         match request:
@@ -115,7 +108,7 @@ class Answers:
             case requests.CheckSession():
                 ok, count, findings = await self.past.check(request.session)
                 issues = [issue_document(finding, viewer.language) for finding in findings]
-                return Done("check.ok" if ok else "check.findings", {"count": count, "issues": issues}, ok)
+                return Done(Words("check.ok", count=count) if ok else "", {"issues": issues}, ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
@@ -150,11 +143,12 @@ class Answers:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
             if path is None:
-                return Done("done.called_off")
+                return Done(Words("done.called_off"))
             report = f"/session/{identifier(path)}/report"
-            return Done("done.sealed", {"session": path.stem, "report_url": report})
+            about = {"session": path.stem, "report_url": report}
+            return Done(Words("done.sealed", session=path.stem), about)
         session = self.conductor.start(record_options(request))
-        return Done("done.started", {"session": session.stem if session else ""})
+        return Done(Words("done.started", session=session.stem if session else ""))
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
         log.warning(silent.at(self.config.site))
@@ -183,7 +177,7 @@ class Answers:
             return await self._by_recorder(send_to_recorder, path.parent, correction)
         await asyncio.to_thread(correct_mark, path, lambda session: correction)
         key = "done.taken_back" if correction.takes_back else "done.mark"
-        return Done(key, {"mark": request.mark, "text": correction.text})
+        return Done(Words(key, mark=request.mark, text=correction.text))
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in [present.id for present in self.hub.latest.alarms]:
@@ -277,7 +271,7 @@ class Answers:
             _, request_sent = await asyncio.to_thread(change_regions, self.config.path, change)
             missing = await asyncio.to_thread(self._reread)
             if request_sent is None:
-                return Done(key, {"name": name, "missing": "; ".join(missing)})
+                return Done(Words(key, name=name, missing=missing))
             return await self._await_stored(request_sent, events)
 
     def _reread(self) -> list[str]:
@@ -298,7 +292,7 @@ class Answers:
         shape = frame.counts.shape
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
         highest = f"{max(elevation for _, elevation in horizon):.1f}"
-        return Done("done.skyline", {"highest": highest, "missing": "; ".join(self._reread())})
+        return Done(Words("done.skyline", highest=highest, missing=self._reread()))
 
 
 def _change(request: requests.Redrawing) -> tuple[str, str, Callable[[edit.Draft], Any]]:

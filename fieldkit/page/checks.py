@@ -20,6 +20,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from fieldkit.page.keys import Keys
+from fieldkit.page.phrases import preferred_language
+from fieldkit.phrases import Words, in_language
 
 Check = Callable[[Scope, Keys], str | None]
 """Why a request is refused, or None."""
@@ -44,7 +46,7 @@ def known_host(scope: Scope, _: Keys) -> str | None:
     address = str((scope.get("server") or ("",))[0])
     if host in own_names(address) or (_ip(host) is not None and _ip(host) == _ip(address)):
         return None
-    return f"this page is not called {host!r}: use its address, or the name of its computer"
+    return Words("refused.host", host=host)
 
 
 def host_name(host: str) -> str:
@@ -82,11 +84,11 @@ def same_origin(scope: Scope, keys: Keys) -> str | None:
     origin = headers.get("origin")
     if origin is not None:
         host = headers.get("host", "")
-        return None if origin.lower() == f"http://{host.lower()}" else f"not from {origin}"
+        return None if origin.lower() == f"http://{host.lower()}" else Words("refused.origin", origin=origin)
     key = bearer(headers)
     if key and (keys.session(key) or keys.is_link(key)):
         return None
-    return "a program must bring a key: Authorization: Bearer KEY"
+    return Words("refused.program")
 
 
 def bearer(headers: Headers) -> str:
@@ -115,9 +117,11 @@ class Guarded:
         if not refusals:
             await self.app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": refusals[0]})
+            await send({"type": "websocket.close", "code": 1008})
         else:
-            await PlainTextResponse(refusals[0], 403)(scope, receive, _with_headers(send))
+            language = preferred_language(Headers(scope=scope).get("accept-language", ""))
+            text = in_language(refusals[0], language)
+            await PlainTextResponse(text, 403)(scope, receive, _with_headers(send))
 
 
 def _with_headers(send: Send) -> Send:

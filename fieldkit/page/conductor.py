@@ -23,8 +23,8 @@ from fieldkit.model.errors import (
 )
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.page.hub import Hub
-from fieldkit.page.outgoing import without_commands
 from fieldkit.page.phrases import PageError
+from fieldkit.phrases import Words
 from fieldkit.recording.background import BackgroundRecording, RecordOptions
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
@@ -72,7 +72,7 @@ class Conductor:
                 self._next()
             except Exception:  # the page must outlive whatever instruments and files do
                 log.exception("the page lost what it showed")
-                self.hub.become(phase="no-instruments", session=None, problem="failed")
+                self.hub.become(phase="no-instruments", session=None, problem=Words("problem.failed"))
                 self._ending.wait(TRY_AGAIN_S)
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class Conductor:
         self.hub.become(phase="recording", session=session.stem, ours=ours, problem=None)
         reader = self._connect(session)
         if reader is None:
-            self.hub.become(problem="no_feed")
+            self.hub.become(problem=Words("problem.no_feed"))
         else:
             self._show_recording(reader)
         while session_in_progress(self.config.recordings) == session and not self._ending.wait(LOOK_EVERY_S):
@@ -196,13 +196,14 @@ class Conductor:
             ):
                 self.hub.begin(Latest(self.config.site, self.config.regions, instruments.streams))
                 phase = "preview" if instruments.devices else "no-instruments"
-                self.hub.become(phase=phase, session=None, problem="; ".join(problems) or None)
+                problem = Words("text.all", texts=problems) if problems else None
+                self.hub.become(phase=phase, session=None, problem=problem)
                 self._preview = LivePreview(
                     self.config, instruments, [self.hub, LastSamples(self.config, instruments)]
                 )
                 self._preview.run(None, lambda: self._ending.is_set() or recorder_waits())
         except (ConfigError, DeviceError, RefusedError, StorageError, OSError) as error:
-            words = without_commands(error)[0] if isinstance(error, FieldkitError) else str(error)
+            words = error.words if isinstance(error, FieldkitError) else StorageError(str(error)).words
             self.hub.become(phase="no-instruments", session=None, problem=words)
             self._ending.wait(TRY_AGAIN_S)
         finally:

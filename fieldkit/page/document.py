@@ -34,6 +34,8 @@ SCRIPTS = (
     "start.js",
 )
 """The parts of the script, in the order in which they run."""
+SENT = ("done.", "error.", "fix.", "issue.", "next.", "text.")
+"""Texts of answers, which the server sends in the browser's language."""
 _SLOT = re.compile(r"\{\{([\w.-]+)\}\}")
 
 
@@ -50,7 +52,7 @@ def _document(language: str) -> str:
     """The document but for its nonce."""
     texts = phrases(language)
     languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
-    shown = {key: text for key, text in texts.items() if not key.startswith("issue.")}  # these are sent
+    shown = {key: text for key, text in texts.items() if not key.startswith(SENT)}
     data = {"texts": shown, "palettes": STOPS, "languages": languages}
     slots = {name: json.dumps(value, ensure_ascii=False) for name, value in data.items()}
     slots["inferno"] = base64.b64encode(palette().tobytes()).decode()

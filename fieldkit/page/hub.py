@@ -198,7 +198,8 @@ class Hub:
             name.replace("_ns", "_ms"): None if time_ns is None else outgoing.ms(time_ns)
             for name, time_ns in attributes(state, "started_ns", "planned_end_ns").items()
         }
-        return {"type": "state", **attributes(state, "phase", "session", "ours", "problem"), **times}
+        problem = state.problem and outgoing.in_all_languages(state.problem)
+        return {"type": "state", **attributes(state, "phase", "session", "ours"), "problem": problem, **times}
 
     def _so_far(self) -> list[dict[str, Any]]:
         latest = self.latest

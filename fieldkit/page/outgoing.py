@@ -6,7 +6,6 @@ Times are UTC milliseconds (`time_ms`), temperatures °C, unknown numbers null.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,12 +14,11 @@ from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import FieldkitError
-from fieldkit.model.next_step import Argument, Sentence, Step, Text
 from fieldkit.model.samples import Event, Quality, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.phrases import LANGUAGES, in_language, text_of
 from fieldkit.results.json_document import attributes
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest, Trend
@@ -28,26 +26,9 @@ from fieldkit.views.latest import Latest, Trend
 Document = dict[str, Any]
 
 
-_KEYS = re.compile(r"(?:--[\w-]+|\w+\[\d+\](?:\.\w+)*): ")
-_COMMANDS = re.compile(r"--\w|\bfieldkit\b|\.toml\b")
-
-
-def without_commands(error: FieldkitError) -> tuple[str, str | None]:
-    """What happened and what to do next, without the options, keys and commands that a browser has not."""
-    fix = error.fix if isinstance(error.fix, str) and not _COMMANDS.search(error.fix) else None
-    return _KEYS.sub("", in_words(error.explanation)), fix
-
-
-def in_words(text: Text) -> str:
-    """A text with its actions and arguments in plain words: a browser has neither commands nor calls."""
-    match text:
-        case Sentence(parts):
-            return "".join(map(in_words, parts))
-        case Step(action, values):
-            return " ".join([action.name.lower().replace("_", " "), *map(str, values)])
-        case Argument(name, value):
-            return name.replace("_", " ") if value is None else f"{name.replace('_', ' ')} {value}"
-    return str(text)
+def in_all_languages(text: str) -> dict[str, str]:
+    """A text by the languages of browsers, for all of which a message is encoded once."""
+    return {language: in_language(text, language) for language in LANGUAGES}
 
 
 def streams(infos: Sequence[StreamInfo], missing: Sequence[str]) -> Document:
@@ -103,7 +84,10 @@ def history(trend: Trend) -> Document:
 
 def event(happened: Event) -> Document:
     """One event: its words follow from kind and data; `text` is what the session keeps."""
-    return {"type": "event", **happened.document()}
+    document = {"type": "event", **happened.document()}
+    if refusals := happened.data.get("refusals"):
+        document["data"]["refusals"] = in_all_languages(text_of(refusals))
+    return document
 
 
 def mark(number: int, event: Event, *, counts: bool) -> Document:

@@ -1,4 +1,4 @@
-"""The language of a page, and refusals by the keys of its catalogue (`fieldkit.phrases`)."""
+"""The language of a page, what is wrong with a region or a session in it, and refusals of the page itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.model.errors import RefusedError
-from fieldkit.phrases import ENGLISH, LANGUAGES, phrases
+from fieldkit.phrases import ENGLISH, LANGUAGES, Words, in_language, phrases, text_of
 
 
 def preferred_language(accepted: str, chosen: str = "") -> str:
@@ -16,16 +16,20 @@ def preferred_language(accepted: str, chosen: str = "") -> str:
 
 
 def issue_document(issue: Mapping[str, Any], language: str) -> dict[str, Any]:
-    """What is wrong with a region or a session, in a language; the browser fills the slots of the text."""
-    texts, what = phrases(language), issue.get("what", "")
-    text = texts.get(issue.get("key", ""), issue["text"])
-    return {"what": texts.get(f"issue.about.{what}", what), "text": text, "data": issue.get("data")}
+    """What is wrong with a region or a session, in a language.
+
+    The browser puts what happened, in its own words, into ``{event}``.
+    """
+    what, data = issue.get("what", ""), issue.get("data", {})
+    if happened := data.get("happened"):
+        issue = {**issue, "data": {**data, "event": "{event}"}}
+    text = text_of({name: issue[name] for name in ("text", "key", "data") if name in issue})
+    about = phrases(language).get(f"issue.about.{what}", what)
+    return {"what": about, "text": in_language(text, language), "happened": happened}
 
 
 class PageError(RefusedError):
-    """The page itself refuses: `key` of the text ``refused.KEY``, and the values of its slots."""
+    """The page itself refuses, by the text ``refused.KEY`` with its values."""
 
     def __init__(self, key: str, **values: Any) -> None:
-        super().__init__(phrases()[f"refused.{key}"].format_map(values))
-        self.key = f"refused.{key}"
-        self.values = values
+        super().__init__(Words(f"refused.{key}", **values))

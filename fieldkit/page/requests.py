@@ -31,7 +31,7 @@ _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 """Half of a letter beyond 16 bits, as JSON writes it: alone it makes a message invalid."""
 _ID = re.compile(r'"id"\s*:\s*(\d{1,16})\b')
 
-TYPED = ("empty", "too_long", "not_text")
+TYPED = ("empty", "too_long", "not_text", "greater_than_equal", "less_than_equal")
 """Mistakes of what a person typed, as keys of their texts; others are of a page of another version."""
 
 
@@ -56,11 +56,11 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class BadRequestError(PageError):
-    """A message that is no request; `id` is its number where it has one, `place` the part that is wrong."""
+    """A message that is no request; `id` is its number where it has one."""
 
-    def __init__(self, key: str, id: int | None = None, place: str = "the message") -> None:
+    def __init__(self, key: str, id: int | None = None) -> None:
         super().__init__(key)
-        self.id, self.place = id, place
+        self.id = id
 
 
 class _Request(BaseModel):
@@ -279,8 +279,7 @@ def parse(text: str) -> Request:
 
 def _refusal(error: ValidationError, text: str) -> BadRequestError:
     first = error.errors(include_url=False, include_input=False)[0]
-    place = ".".join(map(str, first["loc"])) or "the message"
     number = _ID.search(text)  # also of a message that is not JSON: its browser waits for an answer
     id = int(number[1]) if number else None
     kind = "not_text" if first["type"] == "json_invalid" and _HALF.search(text) else first["type"]
-    return BadRequestError(kind if kind in TYPED else "reload", id, place)
+    return BadRequestError(kind if kind in TYPED else "reload", id)

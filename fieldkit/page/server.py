@@ -35,13 +35,12 @@ from fieldkit.page.conductor import Conductor
 from fieldkit.page.document import document
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
-from fieldkit.page.outgoing import without_commands
 from fieldkit.page.phrases import PageError, preferred_language
 from fieldkit.page.pictures import still
 from fieldkit.page.service import keep_recording, report_page
 from fieldkit.page.sessions import PRODUCTS, PastSessions
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
-from fieldkit.phrases import phrases
+from fieldkit.phrases import in_language, phrases
 from fieldkit.results.json_document import plain_json
 from fieldkit.views.metrics import MEDIA_TYPE, metrics
 from fieldkit.views.service_manager import notify
@@ -235,7 +234,7 @@ class Page:
             return FileResponse(product, filename=_file_name(product))
         headers = {"content-security-policy": WAITING_POLICY}
         if product.done() and product.result():
-            return _text(product.result(), 500, headers)
+            return _text(in_language(product.result(), _language(request)), 500, headers)
         title = escape(f"{texts[f'sessions.{kind}']}: {self.past.path(session).stem}")
         text = texts["page.making"].format(seconds=f"{self.past.waited_s(kind, session):.0f}")
         waiting = WAITING.format(language=_language(request), title=title, text=text).encode(errors="replace")
@@ -309,12 +308,12 @@ class Page:
         try:
             request = requests.parse(text)
         except requests.BadRequestError as error:
-            viewer.text(plain_json(failure(error.id, error)))
+            viewer.text(plain_json(failure(error.id, error, viewer.language)))
             return
         try:
             answered = await self.answers.to(viewer, request)
         except Exception as error:  # the browser waits for an answer, whatever fails
-            answered = failure(request.id, _failure(error, request.do))
+            answered = failure(request.id, _failure(error, request.do), viewer.language)
         if request.id is not None:
             viewer.text(plain_json(answered))
 
@@ -339,10 +338,8 @@ def _failure(error: Exception, asked: str) -> PageError:
 
 
 def _explain(error: FieldkitError, request: Request, status: int) -> Response:
-    """An error in place of a file, in the browser's language where the error is the page's own."""
-    if isinstance(error, PageError):
-        return _text(phrases(_language(request))[error.key].format_map(error.values), status)
-    return _text(without_commands(error)[0], status)
+    """An error in place of a file, in the browser's language."""
+    return _text(in_language(error.words, _language(request)), status)
 
 
 def _language(request: HTTPConnection) -> str:

@@ -167,7 +167,7 @@ class PastSessions:
                 return await self._make_film(session, file)
             out = () if kind == "report" else ("-o", str(file))
             code, _, errors = await _fieldkit("report", str(session), *out)
-        return "" if code == 0 else _command_error(errors).message
+        return "" if code == 0 else _command_error(errors).words
 
     async def _make_film(self, session: Path, file: Path) -> str:
         """A film of frames at even intervals; the first camera's, where a session has several."""
@@ -176,7 +176,7 @@ class PastSessions:
         code, output, errors = await _fieldkit("export", str(session), *chosen)
         if code == 0:
             Path(json.loads(output)["files"][0]).replace(file)
-        return "" if code == 0 else _command_error(errors).message
+        return "" if code == 0 else _command_error(errors).words
 
 
 def _film_frames(path: Path) -> tuple[str, int]:
@@ -189,9 +189,9 @@ def _film_frames(path: Path) -> tuple[str, int]:
 
 
 def _command_error(errors: str) -> RefusedError:
-    """The error of a command, without the command that would help in a terminal."""
+    """The error of a command that the page ran."""
     error = command_error(errors, "")
-    return RefusedError(error.problem) if error.problem else PageError("failed")
+    return error if error.problem else PageError("failed")
 
 
 async def _fieldkit(*arguments: str) -> tuple[int, str, str]:

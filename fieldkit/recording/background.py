@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict
 
 from fieldkit.config import Config
 from fieldkit.model.errors import RefusedError
+from fieldkit.phrases import Words, text_of
 from fieldkit.recording.running import LOOK_EVERY_S, session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 
@@ -102,14 +103,15 @@ class BackgroundRecording:
         deadline = time.monotonic() + limit_s
         while time.monotonic() < deadline:
             if self.has_ended:
-                raise command_error(self._error_text(), "the recording ended at once")
+                raise command_error(self._error_text(), Words("error.ended_at_once"))
             session = session_in_progress(recordings)
             if session is not None and owner(journal_path(session)) == self.pid:
                 return session
             if waiting_recorder(recordings) == self.pid:
                 return None
             time.sleep(LOOK_EVERY_S)
-        raise RefusedError(f"no recording began within {limit_s:.0f} s", fix="look at the instruments")
+        problem = Words("error.not_begun", seconds=f"{limit_s:.0f}")
+        raise RefusedError(problem, fix=Words("fix.instruments"))
 
     def warnings(self) -> list[str]:
         """Its warnings so far, such as of a calibration that is too old."""
@@ -128,6 +130,8 @@ def command_error(printed: str, otherwise: str) -> RefusedError:
     """The error that a command with ``--json`` left on stderr as its last line; `otherwise` without one."""
     try:
         document = json.loads(printed.splitlines()[-1])
-        return RefusedError(document["error"], fix=document["fix"])
+        error = RefusedError(document["error"], fix=document["fix"])
+        error.words = text_of(document["words"])
+        return error
     except (ValueError, LookupError, TypeError):  # killed, or an option of another version
-        return RefusedError(otherwise, fix="run the command in a terminal, which shows why")
+        return RefusedError(otherwise, fix=Words("fix.terminal"))

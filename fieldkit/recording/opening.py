@@ -27,6 +27,7 @@ from fieldkit.model.errors import (
     FieldkitError,
 )
 from fieldkit.model.next_step import Action, Sentence
+from fieldkit.phrases import Words
 
 SIMULATED = "simulated"
 NAMED_AFTER_S = 10.0
@@ -73,7 +74,7 @@ def open_instruments(
     """
     if not config.devices:
         raise ConfigError(
-            "no instruments are configured",
+            Words("error.no_instruments"),
             place=config.path,
             fix=Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml",
         )
@@ -142,9 +143,9 @@ def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
     opening: Future[Device] = Future()
     limit_s, name = settings.connect_timeout_s, f"open-{settings.name}"
     hanging = HangingDriverError(
-        f"its driver {settings.driver} has not come back from opening it for {limit_s:g} s",
+        Words("error.hanging", driver=settings.driver, seconds=f"{limit_s:g}"),
         place=settings.name,
-        fix="unplug the instrument and plug it in again; connect_timeout_s = ... waits longer",
+        fix=Words("fix.replug"),
     )
     if sum(thread.name == name for thread in enumerate_threads()) >= MOST_HANGING:
         raise hanging
@@ -170,9 +171,9 @@ def _open_into(opening: Future[Device], settings: DeviceSettings, clock: Clock) 
         except BaseException as error:  # another package's code may fail in any way, also by SystemExit
             log.info("the driver %s failed", settings.driver, exc_info=True)
             failure = DeviceError(
-                f"its driver {settings.driver} failed: {error!r}",
+                Words("error.driver_failed", driver=settings.driver, error=repr(error)),
                 place=settings.name,
-                fix="unplug the instrument and plug it in again; if that does not help, report it",
+                fix=Words("fix.replug"),
             )
             opening.set_exception(failure)
 
@@ -204,7 +205,9 @@ def together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | Devic
         return failed[0]
     each = ["\n  " + error.explanation + ("\n    fix: " + error.fix if error.fix else "") for error in failed]
     problem = Sentence((f"{len(failed)} instruments cannot be used:", *each))
-    return DeviceError(problem, fix=Action.DOCTOR() + " shows the causes")
+    error = DeviceError(problem, fix=Action.DOCTOR() + " shows the causes")
+    error.causes = failed
+    return error
 
 
 def free_bytes(folder: Path) -> int:

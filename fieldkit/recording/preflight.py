@@ -17,6 +17,7 @@ from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action, Text
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
 from fieldkit.recording.opening import Instruments
@@ -27,7 +28,7 @@ NO_REGIONS = (
     "no regions are drawn: frames and readings are recorded, no slope is estimated. Find them on the "
     "report's image, then " + Action.ADD_REGION() + " and " + Action.ESTIMATE(present=True)
 )
-UNKNOWN_UNIT = "the unit of the values is not known"
+UNKNOWN_UNIT = Words("error.unknown_unit")
 STATE_UNIT = 'print the unit (T=21.5 C), name the column by it (temp_c), or set options.unit = "C"'
 Notify = Callable[[Text], None]
 """Receives a warning."""
@@ -82,14 +83,14 @@ def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify
     if views and not config.regions:
         notify(NO_REGIONS)
     for inspection in check_regions(config.regions, views) if views else ():
-        region, failures = inspection.region, "; ".join(inspection.failures)
+        region, failures = inspection.region, inspection.failures
         if region.camera not in views:
             notify(f"region {region.name}: there is no camera {region.camera}, so it has no temperature")
         elif not region.is_within(views[region.camera].shape):
-            fix = "correct its points_px in fieldkit.toml"
-            raise ConfigError(failures, place=f"region {region.name}", fix=fix)
+            fix = Words("fix.draw_again")
+            raise ConfigError(Words("text.all", texts=failures), place=region.name, fix=fix)
         elif failures:
-            notify(f"region {region.name}: {failures}")
+            notify(f"region {region.name}: {'; '.join(failures)}")
 
 
 def _check_trajectory(config: Config, now_ns: int, duration_s: float, notify: Notify) -> None:
@@ -122,12 +123,9 @@ def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserv
     if needed + reserve <= free:
         return
     lasts_min = max(0.0, free - reserve) / needed_per_s / 60
-    raise StorageError(
-        f"the disk has {formatting.size(free)} free and keeps {formatting.size(reserve)} in reserve; "
-        f"this session needs {formatting.size(needed_per_s * 60)} a minute: "
-        f"there is room for {lasts_min:.0f} min",
-        fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
-    )
+    sizes = {"free": free, "reserve": reserve, "per_min": needed_per_s * 60}
+    shown = {name: formatting.size(size) for name, size in sizes.items()}
+    raise StorageError(Words("error.no_room", minutes=f"{lasts_min:.0f}", **shown), fix=Words("fix.room"))
 
 
 def disk_reserve_bytes(config: Config) -> int:

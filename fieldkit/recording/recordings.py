@@ -14,6 +14,7 @@ from fieldkit.disk import is_regular
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.sessions.lock import is_locked, journal_path
 
 if TYPE_CHECKING:
@@ -119,11 +120,11 @@ def _check_name(name: str) -> None:
     size = len(name.encode(errors="replace"))
     plain = _UNFIT.sub("-", name.encode(errors="replace")[:NAME_BYTES].decode(errors="ignore"))
     if size > NAME_BYTES:
-        what = f"has {size} bytes, and may have {NAME_BYTES}"
+        what = Words("error.name_bytes", size=size, most=NAME_BYTES)
     elif "/" in name or "\\" in name:
-        what = f"{name!r} has a slash"
+        what = Words("error.name_slash", name=repr(name))
     elif _UNFIT.search(name):
-        what = f"{name!r} has a character that is not text"
+        what = Words("error.name_not_text", name=repr(name))
     else:
         return
     raise ConfigError(what, place=Argument("name"), fix=Argument("name", plain))

@@ -16,6 +16,7 @@ from fieldkit.estimation.region_check import CameraView, check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words, text_document
 from fieldkit.recording.regions import check_configured, regions_in_draft
 from fieldkit.recording.requests import SentRequest, send_to_recorder
 from fieldkit.recording.running import session_in_progress
@@ -62,7 +63,7 @@ class Redrawing:
         """
         if refusals := self._refusals(requested):
             text = f"regions not changed: {'; '.join(refusals)}"
-            about: dict[str, Any] = {"request": request, "refusals": refusals}
+            about: dict[str, Any] = {"request": request, "refusals": text_document(refusals)}
             yield _answer(mono_ns, time_ns, text, about, Severity.WARNING)
             return
         since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
@@ -80,9 +81,10 @@ class Redrawing:
         before = set(self._failures(self.regions))
         refusals = [failure for failure in self._failures(requested) if failure not in before]
         names = [region.name for region in requested]
-        refusals += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
+        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        refusals += [Words("error.duplicate", name=name) for name in twice]
         if len(self._names | set(names)) > MAX_REGIONS:
-            refusals.append(f"a session has room for {MAX_REGIONS} regions")
+            refusals.append(Words("error.most_regions", most=MAX_REGIONS))
         return refusals
 
     def _failures(self, regions: Sequence[Region]) -> list[str]:
@@ -91,11 +93,8 @@ class Redrawing:
                 check_region(region)
         except ValueError as error:
             return [str(error)]
-        return [
-            f"{inspection.region.name}: {failure}"
-            for inspection in check_regions(regions, self.views)
-            for failure in inspection.failures
-        ]
+        inspections = check_regions(regions, self.views)
+        return [failure for inspection in inspections for failure in inspection.named_failures]
 
     def _words(self, done: dict[str, list[str]], since_ns: int) -> str:
         if not done:

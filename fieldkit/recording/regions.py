@@ -19,6 +19,7 @@ from fieldkit.model.device import StreamInfo, cameras_by_name, find_camera
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Sample, is_usable
+from fieldkit.phrases import Words
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 
 AVERAGED_FRAMES = 25
@@ -193,12 +194,11 @@ def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
     before = _failures(unless)
     if failures := [failure for failure in _failures(config) if failure not in before]:
-        raise ConfigError("; ".join(failures), fix="draw it again: nothing was changed")
+        raise ConfigError(Words("text.all", texts=failures), fix=Words("fix.draw_again"))
 
 
 def _failures(config: Config) -> list[str]:
-    failed = [check for check in inspect_regions(config) if check.failures]
-    return [f"region {check.region.name}: {'; '.join(check.failures)}" for check in failed]
+    return [failure for check in inspect_regions(config) for failure in check.named_failures]
 
 
 def first_frames_k(path: Path, name: str = "") -> FloatArray:
@@ -213,7 +213,7 @@ def first_frames_k(path: Path, name: str = "") -> FloatArray:
         frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
         first_frames = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not first_frames:
-        raise SessionError("no usable frame with temperatures", place=path, fix="omit " + Argument("session"))
+        raise SessionError(Words("error.no_frame"), place=path, fix="omit " + Argument("session"))
     return np.array(first_frames, np.float64)
 
 

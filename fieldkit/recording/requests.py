@@ -18,6 +18,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
 from fieldkit.model.marks import Mark, mark_details
 from fieldkit.model.next_step import Argument
+from fieldkit.phrases import Words
 from fieldkit.recording.running import running_session
 from fieldkit.sessions.lock import is_locked, journal_path
 
@@ -85,8 +86,8 @@ def _check_length(request: Request, number: str) -> None:
     data = {**mark_details(request, _LATEST_NS, _LATEST_NS), "request": number}
     if not event_fits(Event(EventKind.MARK, 0, 0, request.text, data=data)):
         size = len(f"{request.text}{request.label}".encode())
-        fix = "split it in two, and use one short word as its kind"
-        raise ConfigError(f"{size} bytes are too long to be stored whole", place=Argument("text"), fix=fix)
+        what, fix = Words("error.mark_too_long", size=size), Words("fix.split")
+        raise ConfigError(what, place=Argument("text"), fix=fix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +115,8 @@ def send_to_recorder(recordings: Path, request: Request) -> SentRequest:
     except FileNotFoundError:
         if running_session(recordings) != session:  # the next one of a recording that is split
             return send_to_recorder(recordings, request)
-        what = "mark" if isinstance(request, Mark) else "request"
-        raise RefusedError(
-            f"has just ended and is being sealed: the {what} comes too late",
-            place=session.name,
-            fix=f"write it down beside {session.name}",
-        ) from None
+        problem, fix = Words("error.too_late"), Words("fix.beside", session=session.name)
+        raise RefusedError(problem, place=session.name, fix=fix) from None
     except OSError as error:
         raise StorageError(
             f"the request could not be written beside it: {error.strerror}", place=session

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.model.errors import RefusedError, SessionError, StorageError, os_errors_as
 from fieldkit.model.next_step import Action
+from fieldkit.phrases import Words
 from fieldkit.recording.recordings import JOURNAL, is_interrupted
 from fieldkit.sessions.lock import SessionLock, await_unlocked, is_locked, journal_path, owner
 
@@ -47,11 +48,11 @@ def running_session(recordings: Path) -> Path:
     path = session_in_progress(recordings)
     if path is None and (pid := waiting_recorder(recordings)) is not None:
         raise RefusedError(
-            f"process {pid} records nothing yet: it waits for its time or trigger",
+            Words("error.waits", process=pid),
             fix=Action.STOP() + " calls it off",
         )
     if path is None:
-        raise RefusedError("no recording is running in this campaign", fix=Action.RECORD())
+        raise RefusedError(Words("error.not_recording"), fix=Action.RECORD())
     return path
 
 
@@ -137,7 +138,7 @@ def _refuse_second(recordings: Path, otherwise: str = "") -> None:
     running = session_in_progress(recordings)
     if what := running.name if running else otherwise:
         raise RefusedError(
-            f"this campaign is being recorded already: {what}",
+            Words("error.recorded_already", session=what),
             fix=Action.STATUS() + " shows it, " + Action.STOP() + " ends it",
         )
 
@@ -203,7 +204,7 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
     path = running_session(recordings)
     pid = owner(journal_path(path))
     if pid is None:  # it has ended since
-        raise RefusedError("no recording is running in this campaign", fix=Action.RECORD())
+        raise RefusedError(Words("error.not_recording"), fix=Action.RECORD())
     if _is_first_to_stop(path):
         os.kill(pid, signal.SIGTERM)
     deadline, is_reported = time.monotonic() + SEALED_WITHIN_S, False
@@ -215,9 +216,9 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
                 os.kill(pid, signal.SIGCONT)
         if time.monotonic() > deadline:
             raise RefusedError(
-                f"process {pid} has not sealed it within {SEALED_WITHIN_S:.0f} s",
+                Words("error.not_sealed", process=pid, seconds=f"{SEALED_WITHIN_S:.0f}"),
                 place=path.name,
-                fix=f"look at its terminal; kill {pid} ends it at once and keeps the journal",
+                fix=Words("fix.kill", process=pid),
             )
         time.sleep(0.1)
     deadline = time.monotonic() + REMOVED_WITHIN_S
@@ -225,7 +226,7 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
         time.sleep(0.02)
     if is_interrupted(path):
         raise SessionError(
-            "the recording ended without sealing it; its journal is kept",
+            Words("error.unsealed"),
             place=path.name,
             fix=Action.RECOVER(path),
         )

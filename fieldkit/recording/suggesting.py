@@ -18,6 +18,7 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.phrases import Words
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import usable_frame
@@ -79,7 +80,7 @@ def suggestions_in(
     beds_in_frame = find_beds(frame, noise_k)
     beds = [bed for bed in beds_in_frame if not (_outline("", bed).mask(shape) & present_pixels).any()]
     if not beds:
-        raise NoAnswerError("every bed that was found has a region already", fix=FIX)
+        raise NoAnswerError(Words("error.all_drawn"), fix=FIX)
     wants_reference = all(region.kind is not RegionKind.REFERENCE for region in present)
     reference = min(beds, key=lambda bed: bed.contrast_k) if wants_reference else None
     names = {region.name for region in present}

@@ -147,7 +147,7 @@ def _table_part(
     settings_used = config.estimator_settings()
     table = read_table(path, needs_reference=settings_used.reference == "region")
     for excess in possible(table, config.site, settings_used)[1]:
-        notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}; not used")
+        notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}")
     return as_part(str(path), table, config.site, settings_used, reference_slope_deg)
 
 

@@ -23,6 +23,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import is_usable
 from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.palettes import INFERNO
+from fieldkit.phrases import Words
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results import sources
 from fieldkit.results.batch import each
@@ -280,14 +281,14 @@ def _image(
     reported to `notify` and left out.
     """
     if not plotting.available():
-        raise ConfigError("an image needs matplotlib", fix=install_extra("lab"))
+        raise ConfigError(Words("error.matplotlib"), fix=install_extra("lab"))
     from fieldkit.results.slope_map import slope_map  # maps and their libraries take as long as all others
 
     palette = options.palette or INFERNO
     require_palette(palette)
     frames = list(_shown_frames(session, known))
     if not frames:
-        raise ConfigError("no usable frame", place=session.path, fix=Action.CHECK(session.path))
+        raise ConfigError(Words("error.no_frame"), place=session.path, fix=Action.CHECK(session.path))
     try:
         session_map = slope_map(session, settings=options.settings, present=options.present)
         mapped = None if session_map.along_sun is not None else session_map.slopes

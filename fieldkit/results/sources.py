@@ -26,6 +26,7 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region
 from fieldkit.model.spelling import nearest
+from fieldkit.phrases import Words
 from fieldkit.sessions.reader import FILE_OBJECT, SessionReader, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
@@ -119,7 +120,8 @@ def source_of(
     with reading(session) as opened:
         path = opened.path
         if opened.state == "recording":
-            raise SessionError("being recorded", place=path, fix="wait until it ends, or " + Action.STOP())
+            fix = Words("fix.until_end") + ", or " + Action.STOP()
+            raise SessionError(Words("error.recorded"), place=path, fix=fix)
         config = config_for(opened, present=present)
         if regions is None:
             schedule = regions_for(opened, config, present=present)
@@ -136,10 +138,9 @@ def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSche
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
     cameras = cameras_by_name(session.streams.values())
     checks = check_regions(regions, {name: CameraView(info.shape) for name, info in cameras.items()})
-    if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
-        raise ConfigError(
-            "; ".join(failures), place=session.path, fix="draw them again on the session's frames"
-        )
+    if failures := [failure for check in checks for failure in check.named_failures]:
+        problem = Words("text.all", texts=failures)
+        raise ConfigError(problem, place=session.path, fix="draw them again on the session's frames")
     values = {"region": [RegionOutline.of(region).model_dump() for region in regions]}
     try:
         RegionOutlines.model_validate(values)

@@ -221,11 +221,11 @@ def test_regions_may_lack_a_reference_until_the_next_change(tmp_path):
         added = browser.request(do="add_region", region=bed)
         assert [one["ok"] for one in (removed, added)] == [True, True]
         assert (added["key"], added["data"]["name"]) == ("done.added", "bed")
-        assert "reference" in added["data"]["missing"]
+        assert [text["key"] for text in added["data"]["missing"]] == ["error.no_reference"]
         assert [region.name for region in page.page.hub.latest.regions] == ["b05", "b15", "b25", "bed"]
         level = {**bed, "kind": "reference", "tilt_deg": 0.0}
         edited = browser.request(do="edit_region", name="bed", region=level)
-        assert (edited["key"], edited["data"]) == ("done.changed", {"name": "bed", "missing": ""})
+        assert (edited["key"], edited["data"]) == ("done.changed", {"name": "bed", "missing": []})
 
 
 def come_and_go(page: Served, cookie: str, count: int) -> None:

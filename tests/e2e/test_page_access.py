@@ -267,7 +267,7 @@ def test_who_may_look_may_not_control(folder, page, what, monkeypatch):
         everything = (*requests.FOR_ANYONE, *requests.FOR_CONTROL)
         monkeypatch.setattr(requests, "FOR_ANYONE", everything)
         monkeypatch.setattr(page.page.answers, "_carry_out", done_by_nobody)
-        assert browser.request(**what)["key"] == "done"
+        assert browser.request(**what)["text"] == "done"
     assert (folder / "fieldkit.toml").read_bytes() == before
 
 

@@ -251,7 +251,7 @@ def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, pa
             "alarm": "camera does not respond",
         }
         assert shown == (phrases()[f"event.{key}"].format_map(words) if key else "stored"), kind
-    happened = Words("issue.event", time="at noon", event="stored", happened=event)
+    happened = Words("issue.event", time="at noon", event="stored {3}", happened=event)
     issues = [
         issue_document({"what": "clock", **text_document(Words("issue.missing", count=3, last=9))}, "en"),
         issue_document({"what": "gap lux", **text_document(happened)}, "en"),

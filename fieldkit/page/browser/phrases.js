@@ -24,6 +24,7 @@ function eventText({ kind, stream, severity, time_ms, text, data }) {
 function shownValue(name, value) {
   if (name.endsWith("_s")) return duration(value);
   if (name.endsWith("_ns")) return value > 1e17 ? clockTime(value / 1e6, minuteTime) : `${value < 0 ? "−" : ""}${duration(Math.abs(value) / 1e9)}`;
+  if (name === "refusals") return inLanguage(value);
   return typeof value === "number" ? number(value, value % 1 ? 2 : 0) : Array.isArray(value) ? value.join(", ") : value;
 }
 
@@ -36,20 +37,18 @@ function markText({ kind, text, time_ms: start, end_ms: end }) {
 const alarmText = ({ condition, subject }) => phrase(`alarm.${condition}`, { subject });
 
 /** What is wrong with a region or a session; an event is in its own words, which name what it is about. */
-function issueText({ what, text, data }) {
-  const event = data?.happened && eventText(data.happened);
-  const words = data ? filled(text, event ? { ...data, event } : data) : text;
-  return what && !event ? `${what}: ${words}` : words;
+function issueText({ what, text, happened }) {
+  if (happened) return filled(text, { event: eventText(happened) });
+  return what ? `${what}: ${text}` : text;
 }
 
 const issuesText = (issues) => issues.map(issueText).join("; ");
 
 /** What a request did, or why not and what to do next. */
-function answerText({ key, event, data, text, fix }) {
-  if (event) return eventText(event);
-  const values = data?.issues ? { ...data, issues: issuesText(data.issues) } : data ?? {};
-  return key ? phrase(key, values) : [text, fix].filter(Boolean).join(" ");
-}
+const answerText = ({ event, data, text }) => (event ? eventText(event) : [text, issuesText(data?.issues ?? [])].filter(Boolean).join(" "));
 
 /** An answer that never left this page. */
-const unanswered = (key) => ({ ok: false, key });
+const unanswered = (key) => ({ ok: false, key, text: phrase(key) });
+
+/** A text of a message for every browser, which has it in each language. */
+const inLanguage = (texts) => texts?.[phrase("language.code")];

@@ -110,5 +110,5 @@ on("hello", (hello) => {
   const back = link.lostMs !== null;
   Object.assign(link, { role: hello.role, tries: 0, lostMs: null });
   showConnection();
-  if (back) showAnswer({ ok: true, key: "connection.back" });
+  if (back) showAnswer({ ...unanswered("connection.back"), ok: true });
 });

@@ -33,7 +33,7 @@ function showState() {
   const bar = $("time-bar");
   bar.hidden = !until;
   if (until) Object.assign(bar, { max: end - started, value: Math.max(0, (status.atMs ?? started) - started) });
-  say($("state"), [wordFor("phase", phase), since, until, wordFor("problem", problem), status.missing.length && phrase("problem.missing", { names: status.missing.join(", ") })].filter(Boolean).join(" · "));
+  say($("state"), [wordFor("phase", phase), since, until, inLanguage(problem), status.missing.length && phrase("problem.missing", { names: status.missing.join(", ") })].filter(Boolean).join(" · "));
   $("state").className = phase;
 }
 

@@ -16,6 +16,7 @@ from click.testing import CliRunner
 from fieldkit.cli import CommandTable, common
 from fieldkit.cli.common import Command
 from fieldkit.model import errors
+from fieldkit.phrases import text_document
 
 
 @pytest.fixture
@@ -153,11 +154,13 @@ def test_an_error_says_what_happened_and_what_to_do(fail):
 
 
 def test_with_json_an_error_is_one_line_of_it(fail):
-    result = fail(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"), "--json")
+    error = errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond")
+    result = fail(error, "--json")
     assert result.stdout == ""
     assert result.stderr.count("\n") == 1
     assert json.loads(result.stderr) == {
         "schema": 1, "error": "/dev/x: refused", "fix": "first\nsecond", "exit_code": 4,
+        "words": text_document(error.words),
     }  # fmt: skip
 
 

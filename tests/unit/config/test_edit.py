@@ -75,7 +75,7 @@ def test_removing_keeps_the_comments_of_the_others(file):
 )
 def test_a_region_with_a_mistake_is_not_added(file, change, said):
     bed = {**BED, **change}
-    where = f"the new region {bed['name']!r}: region[1].{next(iter(change))}"
+    where = f"{bed['name']}: region[1].{next(iter(change))}"
     with pytest.raises(ConfigMistakesError, match=said, check=at(where)):
         changed(file, add_region, bed)
     assert file.read_text() == TEXT

@@ -117,7 +117,7 @@ def test_an_unknown_key_is_refused_with_the_one_that_was_meant(campaign, table, 
             "region[1].probes",
             "'flat'",
         ),
-        (FLAT + "tilt_deg = 5\n", "region[0].tilt_deg", "azimuth_deg"),
+        (FLAT + "tilt_deg = 5\n", "region[0].tilt_deg", "azimuth"),
         (
             FLAT + '[camera]\ndriver = "purethermal"\nwidth_px = 9\nheight_px = 120\n',
             "region[0].points_px",

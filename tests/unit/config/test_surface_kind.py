@@ -140,7 +140,7 @@ def test_a_region_has_a_kind_of_its_own_and_a_session_keeps_it():
 def test_a_reference_has_the_kind_of_the_surface():
     text = REGIONS.format("rock").replace('"reference"', '"reference"\nsurface_kind = "rock"')
     wrong = at("fieldkit.toml:8: region[0].surface_kind")
-    with pytest.raises(ConfigMistakesError, match=r"surface\.kind", check=wrong):
+    with pytest.raises(ConfigMistakesError, match="kind of surface", check=wrong):
         config(text)
 
 

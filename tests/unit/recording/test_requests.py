@@ -11,6 +11,7 @@ from fieldkit.model.marks import Mark
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import EventKind, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
+from fieldkit.phrases import text_of
 from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.request_reader import RequestReader, left_requests
 from fieldkit.recording.requests import Acknowledgement, Shutter, inbox, send
@@ -253,7 +254,7 @@ def test_a_bad_region_is_refused_and_the_others_stay(folder, clock, bed, corners
     assert event.text.startswith("regions not changed: ")
     assert why in event.text
     assert event.data["request"] == number
-    assert event.text.endswith("; ".join(event.data["refusals"]))
+    assert event.text.endswith("; ".join(text_of(event.data["refusals"])))
     assert redrawing.regions == (flat,)
 
 
