@@ -108,18 +108,13 @@ class Journal:
             undo.callback(os.close, self._lock)
             self._count_in_lock()
             logs = []
-            for part, path in zip((1, 0, 0), self.first_files(folder), strict=True):
-                logs.append(self._create(path, part))
+            for part, name in ((1, "000001.log"), (0, "kept.log"), (0, "confirmed.log")):
+                logs.append(self._create(folder / name, part))
                 undo.callback(logs[-1].close)
-                sync(path)
+                sync(folder / name)
             sync(folder)
             undo.pop_all()
         self._part, self._kept, self._confirmed = logs
-
-    @staticmethod
-    def first_files(folder: Path) -> tuple[Path, Path, Path]:
-        """The files that a journal begins with, in the order in which they are made."""
-        return folder / "000001.log", folder / "kept.log", folder / "confirmed.log"
 
     def part_path(self, number: int) -> Path:
         """Path of part `number`."""

@@ -34,7 +34,7 @@ from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, check_room, raw_width
-from fieldkit.sessions.lock import RECORDING, SessionLock, journal_path
+from fieldkit.sessions.lock import SessionLock, journal_path
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
@@ -97,7 +97,7 @@ class SessionWriter:
             if self.path.exists():
                 raise FileExistsError(self.path)
             self._folder.mkdir(parents=True)  # of two that begin at once only one can
-            undo.callback(_remove_begun, self._folder)
+            undo.callback(_remove_folder, self._folder)
             self._session_lock = SessionLock(self._folder)
             undo.callback(self._session_lock.release)
             if self.path.exists():  # the other one has finished in the meantime
@@ -257,14 +257,10 @@ def _delete(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _remove_begun(folder: Path) -> None:
-    """Delete the folder of a session that could not be begun, without opening any file: none may be left."""
-    patience = Patience()  # what stays would look like another session to the next attempt
-    for path in (*Journal.first_files(folder), folder / RECORDING, folder / "reserve"):
-        with contextlib.suppress(OSError):
-            patience(partial(path.unlink, missing_ok=True))
-    with contextlib.suppress(OSError):
-        patience(folder.rmdir)
+def _remove_folder(folder: Path) -> None:
+    """Delete the folder of a session that could not be begun."""
+    with contextlib.suppress(OSError):  # what stays would look like another session to the next attempt
+        Patience()(partial(shutil.rmtree, folder))
 
 
 def _reserve(folder: Path) -> None:

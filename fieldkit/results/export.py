@@ -138,11 +138,8 @@ def _deposit(session: SessionReader, license: str | None) -> dict[str, str]:
     """Licence and ORCID of a deposit; a licence that is given is written to the campaign's file."""
     facts = campaign_facts(session)
     if license is None and not facts["license"]:
-        raise ConfigError(
-            "an archive needs the licence of the data",
-            place=session.path,
-            fix="give it once: " + Argument("license", "CC-BY-4.0"),
-        )
+        fix = "give it once: " + Argument("license", "CC-BY-4.0")
+        raise ConfigError("an archive needs the licence of the data", place=session.path, fix=fix)
     if license is not None and license != facts["license"]:
         with contextlib.suppress(ConfigError), editing(find_campaign(session.path.resolve().parent)) as draft:
             set_key(draft, "campaign", "license", license)
@@ -174,15 +171,11 @@ def _between_ns(session: SessionReader, begin: str | None, until: str | None) ->
     start = first if begin is None else _moment(begin, first, last)
     end = last if until is None else _moment(until, first, last)
     if begin and until and start > end:
-        raise ConfigError(
-            "lies before the start", place=Argument("until", until), fix="give it as " + Argument("begin")
-        )
+        fix = "give it as " + Argument("begin")
+        raise ConfigError("lies before the start", place=Argument("until", until), fix=fix)
     if start > last or end < first:
-        raise ConfigError(
-            f"no sample lies then: it lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}",
-            place=session.path,
-            fix="give times of the session",
-        )
+        problem = f"no sample lies then: it lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}"
+        raise ConfigError(problem, place=session.path, fix="give times of the session")
     return (
         -math.inf if begin is None else round(start.timestamp() * 1e6) * 1000,
         math.inf if until is None else round(end.timestamp() * 1e6) * 1000,

@@ -55,10 +55,6 @@ _NOT_COLOURED = "export the radiometric frames as unsigned 16-bit counts, not co
 _UNIT_OF_FLOAT = "if they are temperatures: " + Argument("unit", "C") + ", or K, F"
 
 
-_PNG_MAGIC, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">IIBB")  # its IHDR: width, height, bits, colour
-
-_GREY_16 = (16, 0)
-
 _SCALE = Argument("kelvin_per_count", 0.01) + " (the maker's number); NaN (none) for frames only"
 
 _IRG_SCALE = Argument("kelvin_per_count", 0.0625) + " (InfiRay C200) or 0.1; NaN (none) for frames only"
@@ -105,8 +101,10 @@ class _Still:
         page, pixels = self.page, self.table
         if pixels is None:
             pixels = page.read(self.path) if page else native_code.decode_image(self.path.read_bytes())
-        if pixels is None or not (self.unit or pixels.dtype == np.uint16) or pixels.ndim != 2:
+        if pixels is None:
             raise ConfigError("cannot be read as a frame", place=self.label, fix=_EXPORT_AGAIN)
+        if not (self.unit or pixels.dtype == np.uint16) or pixels.ndim != 2:
+            raise ConfigError("not one 16-bit number per pixel", place=self.label, fix=_NOT_COLOURED)
         if self.unit is None:
             return pixels.astype(np.uint16, copy=False)
         counts = counts_of(pixels, (page and page.scale) or (1.0, 0.0), self.unit)
@@ -159,12 +157,13 @@ def read_stills(
     kind = _kind(paths)
     if kind in ("IRG", "PNG") and unit:
         raise _no_unit(source)
+    stills, notes = [_Still(path, str(path), None) for path in paths], list[Note]()
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
     elif kind == "CSV":
-        stills, notes = _table_stills(paths, temperature_unit(unit), scale), []
-    else:
-        stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
+        stills = _table_stills(paths, temperature_unit(unit), scale)
+    elif kind == "IRG":
+        stills, notes = _irg_stills(paths)
     rows, cols = stills[0].counts().shape
     agreed = _common_scale(stills, scale, kind)
     times_ns = [plausible_ns(at + offset_ns) for at in _times_ns(stills, times, time_format, zone)]
@@ -193,20 +192,6 @@ def _irg_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
     stills = [_Still(path, str(path), scale) for path, scale in zip(paths, scales, strict=True)]
     set_to = f"the camera's emissivity was {emissivities[0]:g}"
     return stills, [(Severity.WARNING, f"{set_to}; whether the counts allow for it is not known")]
-
-
-def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
-    for path in paths:
-        with path.open("rb") as file:
-            head = file.read(26)
-        if not head.startswith(_PNG_MAGIC) or len(head) < 26:
-            problem = "cannot be read as a frame: it does not begin as a PNG"
-            raise ConfigError(problem, place=path, fix=_EXPORT_AGAIN)
-        width, height, *kind = _PNG_HEAD.unpack_from(head, 16)
-        if tuple(kind) != _GREY_16:
-            raise ConfigError("not one 16-bit number per pixel", place=path, fix=_NOT_COLOURED)
-        _refuse_pixels(str(path), width * height)
-    return [_Still(path, str(path), None) for path in paths], []
 
 
 def temperature_unit(written: str) -> Unit | None:
