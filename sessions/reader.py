@@ -434,7 +434,7 @@ class SessionReader:
             return {
                 column.name: datasets[column.name][:length]
                 if column.name in datasets
-                else stored.unknown_rows(self._file, column, length)
+                else column.unknown(length)
                 for column in declared
             }
 

@@ -134,7 +134,7 @@ class SampleRow:
 
     @classmethod
     def decode(cls, stream: int, seq: int, payload: bytes) -> SampleRow:
-        """Sample that `encode_sample` wrote, or its stamps alone; raises `ValueError` for other bytes."""
+        """Sample that `encode_sample` wrote, or its stamps alone."""
         stamps, crc, size = sample_fields.from_journal(payload, seq)
         row = cls(stream, seq, stamps, crc)
         body = payload[sample_fields.STAMPS_BYTES :]

@@ -26,7 +26,7 @@ from fieldkit.results import import_flir
 from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, configured_otherwise, log_warning, reading
-from fieldkit.sessions.formats import imported, jma, joined, stills
+from fieldkit.sessions.formats import imported, jma, merged, stills
 from fieldkit.sessions.formats.bags import is_bag, read_bag
 from fieldkit.sessions.formats.containers import is_container
 from fieldkit.sessions.formats.frame_tables import is_frame_table
@@ -255,7 +255,7 @@ def import_into(
     """
     source, options = Path(source), options or ImportOptions()
     _refuse_unused(source, options, {"title", "site"}, "merged into a session, which keeps site and title")
-    if joined.is_session(source):
+    if merged.is_session(source):
         return _join(session, source, out, options)
     with reading(session) as opened:
         recording = _read_in_zone(source, options, opened.site, "session")
@@ -276,18 +276,18 @@ def _join(
     unused = {field.name for field in fields(options)} - {"name", "offset_s"}
     _refuse_unused(source, options, unused, "a session")
     with reading(session) as opened, reading(source) as other:
-        joined.require_joinable(opened, other)
+        merged.require_joinable(opened, other)
         if options.offset_s is None or options.offset_s == AUTO:
-            clock = joined.clock_difference(opened, other)
+            clock = merged.clock_difference(opened, other)
         else:
             clock = Alignment(options.offset_s, math.nan, math.nan, "as stated")
-        recording = joined.recording_of(opened, other, clock, options.name)
+        recording = merged.recording_of(opened, other, clock, options.name)
         if keys := configured_otherwise(opened, other):
             text = f"slopes use the settings of {opened.path.name}, not {', '.join(keys)} of {source.name}"
             recording = recording.noted(text)
         recording = _warned_of_irradiance(opened, recording)
         path = Path(out or opened.path.with_name(f"{opened.path.stem}-with-{source.stem}.h5"))
-        return ImportedSession.of(joined.join(opened, other, recording, clock, path), recording)
+        return ImportedSession.of(merged.join(opened, other, recording, clock, path), recording)
 
 
 def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
@@ -492,7 +492,7 @@ _FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
 _TABLE = _TIMES - {"times"} | {"unit", "columns", "keep", "measures", "time_columns", "start", "date"}
 _BAG = frozenset({"kelvin_per_count", "kelvin_at_zero", "unit", "columns", "offset_s"})
 _FORMATS = (
-    _Format("a session", joined.is_session, _refuse_session, frozenset({"offset_s"})),
+    _Format("a session", merged.is_session, _refuse_session, frozenset({"offset_s"})),
     _Format("a FLIR recording", _is_flir, import_flir.read_flir, _TIMES, "UTC"),
     _Format("a recording of ROS", is_bag, read_bag, _BAG, "UTC"),
     _Format("a recording of TIFF, PNG, IRG or CSV frames", _is_stills, stills.read_stills, _FRAMES, "UTC"),

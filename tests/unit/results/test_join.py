@@ -14,7 +14,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import EventKind
 from fieldkit.results.importing import ImportOptions, import_into, import_recording
 from fieldkit.sessions.formats.imported import StampedClock
-from fieldkit.sessions.formats.joined import is_session
+from fieldkit.sessions.formats.merged import is_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.next_steps import at
 
