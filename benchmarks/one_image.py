@@ -18,7 +18,6 @@ import numpy as np
 
 import fieldkit
 from benchmarks.result import Result
-from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.confidence import interval_sds
@@ -31,6 +30,7 @@ from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.terrain import climb_deg
 from fieldkit.weather import Weather
+from tests.harness.pixels import sums_of_frames
 
 RIDGES_SITE = Site(40.525, -76.272, 280.0)
 RIDGES_AT = {"nov": "2002-11-25T15:33", "july": "2002-07-20T15:33"}
@@ -110,10 +110,9 @@ class Components:
         # the noise of a map is that of a pixel and of its reference, which here has none
         noise_k /= np.sqrt(2.0)
         settings = replace(settings, model="paper", noise_k=noise_k, offset_sd_k=0.0, scale_sd=0.0)
-        rows, cols = asked.kelvin.shape
-        sums = MapSums((rows, cols), settings.surface, noise_k)
         light = per_cosine * float(irradiance_per_kelvin(level_k, settings.surface))
-        sums.add(asked.kelvin - per_m * asked.height_m, level_k, sun, light, VERTICAL)
+        at_level_k = asked.kelvin - per_m * asked.height_m
+        sums = sums_of_frames([at_level_k], [level_k], sun[np.newaxis], noise_k, light)
         along = sums.along_sun(VERTICAL, settings)
         spread = np.std(np.concatenate([scene.along_deg(along.azimuth_deg).ravel() for scene in known]))
         truth = asked.along_deg(along.azimuth_deg)

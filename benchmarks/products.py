@@ -20,7 +20,7 @@ from benchmarks.sides import seconds, share
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.minute_maps import MinuteMap
-from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.terrain_products import NAMES, Products
 from fieldkit.model.arrays import AnyArray, FloatArray
@@ -33,6 +33,7 @@ from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.slope_map import MappedSession
+from tests.harness.pixels import sums_of_frames
 
 MINUTES, NOISE_K, ROUNDS = 20, 0.05, 5
 PIXELS = 20
@@ -61,11 +62,9 @@ ALL = Row(
 def slope_map(frames_k: Sequence[FloatArray], rays: AnyArray) -> MappedSession:
     """The map of some frames, as `fieldkit.slope_map` makes it of a session's."""
     (rows, cols), _ = LARGE
-    sums = MapSums((rows, cols), PAPER, NOISE_K, SETTINGS.tilt_limit_deg)
-    for frame_k, ray in zip(frames_k, rays, strict=True):
-        level_k = float(surface_temperature(800.0 * ray[2], 400.0, 303.15, PAPER))
-        sums.add(frame_k, level_k, ray, 800.0, VERTICAL)
-    solved = sums.solve()
+    level_k = [float(surface_temperature(800.0 * ray[2], 400.0, 303.15, PAPER)) for ray in rays]
+    sums = sums_of_frames(frames_k, level_k, rays, NOISE_K)
+    solved = sums.solve(SETTINGS)
     likelihood = posterior(solved, sums, VERTICAL, SETTINGS)
     slopes, bounds = with_bounds(solved, likelihood, SETTINGS)
     whole = Region("beds", RegionKind.TARGET, ((0.0, 0.0), (cols, 0.0), (cols, rows), (0.0, rows)))

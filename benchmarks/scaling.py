@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from benchmarks.drawn_worlds import CLEAR, RANDOM, World, drawn_world
 from benchmarks.estimation_learned import with_targets
-from benchmarks.estimation_speed import ONE_MAP, map_sums, ten_times
+from benchmarks.estimation_speed import ONE_MAP, mapping
 from benchmarks.result import Result, Row
 from benchmarks.sides import seconds
 from fieldkit.estimation.chain import SlopeChain
@@ -79,7 +78,7 @@ def _estimating(world: World, minutes: int) -> Callable[[], object]:
 
 
 def _mapping(pixels: int) -> Callable[[], object]:
-    return partial(ten_times, map_sums((128, pixels // 128)))
+    return mapping((128, pixels // 128))
 
 
 def _record(folder: Path, seed: int) -> Path:

@@ -6,7 +6,7 @@ With the learned model a pixel is one more target, of which the regions have tau
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.physics.energy_balance import irradiance_per_kelvin
+from fieldkit.physics.energy_balance import irradiance_difference, irradiance_per_kelvin
 from fieldkit.physics.facet import VERTICAL
 
 BEFORE_MINUTES = 120
@@ -51,18 +51,14 @@ class MinuteMap:
 
     def solve(self, surface_k: SurfaceK) -> Mapped:
         """Slopes of every pixel, bounds, likelihood, and of one minute the component along the sun."""
-        settings = self.settings
-        limits = (settings.tilt_limit_deg, settings.confidence)
-        sums = MapSums(self.shape, settings.surface, settings.noise_k, *limits)
-        if settings.model == "paper":
-            self._add_paper(sums, surface_k)
-        elif settings.model == "learned" and self.learnt is not None and self._alike:
-            settings = self._add_learned(sums, surface_k, self.learnt)
+        over_k, settings, reference = self._over_k(surface_k), self.settings, self._reference_normal
+        if settings.model == "learned" and self.learnt is not None and self._alike:
+            sums, settings = self._by_learned(over_k, self.learnt)
         else:
-            self._add_full(sums, surface_k)
-        slopes = sums.solve(self._explained_pixels)
-        likelihood = posterior(slopes, sums, self._reference_normal, settings)
-        along_sun = sums.along_sun(self._reference_normal, settings) if self.chosen.size == 1 else None
+            sums = self._by_balance(over_k)
+        slopes = sums.solve(settings, self._explained_pixels)
+        likelihood = posterior(slopes, sums, reference, settings)
+        along_sun = sums.along_sun(reference, settings) if self.chosen.size == 1 else None
         return *with_bounds(slopes, likelihood, settings), likelihood, along_sun
 
     @property
@@ -103,13 +99,6 @@ class MinuteMap:
     def _reference_normal(self) -> FloatArray:
         return np.asarray(self._columns.reference_normals[self._measured_references].mean(axis=0))
 
-    def _add_paper(self, sums: MapSums, surface_k: SurfaceK) -> None:
-        history, reference_k = self.history, self._reference_k
-        for row in self.rows.tolist():
-            dni_w_m2 = history.dni_w_m2[row] * self.settings.scale
-            kelvin = surface_k(int(history.minute[row]))
-            sums.add(kelvin, reference_k[row], history.sun[row], dni_w_m2, self._reference_normal)
-
     @property
     def rows(self) -> IntArray:
         """Rows of the minutes whose frames are needed: those with a reference, and for heat those before."""
@@ -126,46 +115,44 @@ class MinuteMap:
             [(surface_k(int(minute[row])) - base_k[row]).ravel() for row in self.rows.tolist()], np.float32
         )
 
-    def _add_full(self, sums: MapSums, surface_k: SurfaceK) -> None:
-        """Add the minutes by the full model, whose stored heat also depends on the minutes before.
+    def _by_balance(self, over_k: SingleArray) -> MapSums:
+        """Rows of the model paper or full, whose stored heat also depends on the minutes before.
 
         Of a single one it is left to the uncertainty, as for regions.
         """
-        settings = replace(self.settings, model="full")
-        rows, over_k = self.rows, self._over_k(surface_k)
-        minutes, base_k = self.history.at(rows), self._reference_k[rows]
-        stored, kernel = np.zeros(over_k.shape), np.zeros(1)
-        if self.chosen.size > 1:
-            kernel = smoothed_kernel(settings.slab)
-            pieces = [conduction(minutes.minute, piece, settings.slab) for piece in _pieces(over_k)]
-            stored = np.concatenate(pieces, axis=1)
+        settings, surface, rows = self.settings, self.settings.surface, self.rows
+        minutes, base_k, absorptance = self.history.at(rows), self._reference_k[rows], 1.0 - surface.albedo
+        used = np.flatnonzero(np.isin(rows, self.chosen))
         beam, vertical = absorbed_light(minutes, base_k, settings)
-        design = minutes.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
-        light = beam * settings.scale / (1.0 - settings.surface.albedo)
-        for row in np.flatnonzero(np.isin(rows, self.chosen)).tolist():
-            loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
-            loss *= 1.0 - settings.surface.albedo
-            gain = float(np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))) / loss
-            kelvin = (over_k[row] + base_k[row]).reshape(sums.shape).astype(np.float64)
-            reference = self._reference_normal
-            sums.add(kelvin, base_k[row], design[row], light[row], reference, stored[row], gain)
+        design = (minutes.sun + (vertical / beam)[:, np.newaxis] * VERTICAL)[used]
+        light, level = (beam * settings.scale)[used], design @ self._reference_normal
+        loss = absorptance * irradiance_per_kelvin(base_k[used], surface)
+        stores_heat = settings.model != "paper" and self.chosen.size > 1
+        kernel = smoothed_kernel(settings.slab) if stores_heat else np.zeros(1)
+        noise_gain = np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))
+        sd = np.sqrt(2.0) * settings.noise_k * noise_gain / light
 
-    def _add_learned(self, sums: MapSums, surface_k: SurfaceK, learnt: Learnt) -> EstimatorSettings:
-        """Add the minutes by the learned model; the settings with the uncertainties that rows leave out."""
-        rows, over_k = self.rows, self._over_k(surface_k)
-        history = self.history.at(rows)
+        def values(piece: slice) -> FloatArray:
+            over = over_k[:, piece].astype(np.float64)
+            level_k = base_k[:, np.newaxis]
+            heat = absorptance * irradiance_difference(level_k + over, level_k, surface)
+            if stores_heat:
+                heat += conduction(minutes.minute, over, settings.slab)
+            return np.asarray((heat[used].T / light + level) / sd).T
+
+        per_kelvin = np.sum(loss / light / sd**2) / np.sum((design.T / sd) ** 2)
+        design /= sd[:, np.newaxis]
+        return MapSums.of(self.shape, design, design.T @ (1.0 / sd), values, float(per_kelvin))
+
+    def _by_learned(self, over_k: SingleArray, learnt: Learnt) -> tuple[MapSums, EstimatorSettings]:
+        """Rows of the learned model; the settings with the uncertainties that rows leave out."""
+        rows, settings = self.rows, self.settings
         columns = np.array([*self._columns.references[self._measured_references], *self._alike], np.int64)
-        regions = [self.regions[column] for column in columns]
-        chosen = np.isin(rows, self.chosen)
-        pixels = pixel_rows(history.only(columns), regions, chosen, self.normals, self.settings, learnt)
-        sums.add_rows(pixels.design, pixels.towards_sun, lambda piece: pixels.values(over_k[:, piece]))
-        # offsets and drifts are in the rows, pixel by pixel
-        return replace(
-            self.settings, model="full", scale_sd=pixels.scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0
+        regions, history = [self.regions[column] for column in columns], self.history.at(rows).only(columns)
+        pixels = pixel_rows(history, regions, np.isin(rows, self.chosen), self.normals, settings, learnt)
+        sums = MapSums.of(
+            self.shape, pixels.design, pixels.towards_sun, lambda piece: pixels.values(over_k[:, piece])
         )
-
-
-def _pieces(columns: SingleArray) -> Iterator[FloatArray]:
-    """A few thousand columns at a time: the transforms need several times their memory."""
-    for begin in range(0, columns.shape[1], 4096):
-        yield columns[:, begin : begin + 4096].astype(np.float64)
+        # offsets and drifts are in the rows, pixel by pixel
+        scale_sd = pixels.scale_sd
+        return sums, replace(settings, scale_sd=scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0)

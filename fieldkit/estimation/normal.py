@@ -226,7 +226,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
     tilts = tilt_azimuth(normals)[0]
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
-    penalised = np.where(allowed, misfits + _price(tilts), np.inf)
+    penalised = np.where(allowed, misfits + prior_price(tilts), np.inf)
     swap = penalised[1] < penalised[0]
     swapped = swap[..., np.newaxis]
     best, other = np.where(swapped, normals[::-1], normals)
@@ -236,7 +236,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     steep = ~(allowed.all(axis=0) if at_limit else allowed.any(axis=0)) & np.isfinite(misfits[0])
     if np.any(steep):
         edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
-        steep &= edge_misfit + _price(tilt_limit_deg) < penalised.min(axis=0)
+        steep &= edge_misfit + prior_price(tilt_limit_deg) < penalised.min(axis=0)
         has_flatter = steep & allowed.any(axis=0)
         other = np.where(has_flatter[..., np.newaxis], best, other)
         misfit_other = np.where(has_flatter, misfit_best, misfit_other)
@@ -248,8 +248,8 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other), steeper)
 
 
-def _price(tilt_deg: ArrayLike) -> FloatArray:
-    """-2 log of the prior per solid angle; below 0.1 degrees it would win against any data."""
+def prior_price(tilt_deg: ArrayLike) -> FloatArray:
+    """-2 log of the prior per solid angle at tilts in degrees; below 0.1 it would win against any data."""
     return np.asarray(2.0 * np.log(np.sin(np.radians(np.clip(tilt_deg, 0.1, 90.0)))))
 
 

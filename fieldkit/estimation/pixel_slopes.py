@@ -1,10 +1,8 @@
 """Slope maps: tilt and azimuth of every pixel, their bounds and states.
 
-All pixels share the weights of a frame (the balance's steepness differs by 7 %), so the information matrix H
-and its decomposition are shared, and a pixel keeps four numbers, ``b`` and ``c``. Frames are added at camera
-rate and maps solved at display rate, in closed form: for windows of 20 minutes the tilt is within 0.005
-degree of the iterated solution that regions use (`normal.solve`), the azimuth within 0.01. The branch is
-chosen as for regions (`normal.choose`): tilt limit, then misfit and prior.
+A pixel is solved as a region is (`normal.solve`). All pixels share the weights of a frame (the balance's
+steepness differs by 7 %), so they share the information matrix H, and a pixel keeps four numbers, ``b`` and
+``c``. The branch is chosen as for regions: tilt limit, then misfit and prior.
 
 Bounds: in the plane of the sun's motion the likelihood of a pixel is an ellipse about its best slope, whose
 size follows from noise, a misfit beyond it and the stated systematic uncertainties. The extremes of tilt and
@@ -19,22 +17,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldkit.estimation.instant import AlongSun, along_sun, instant_scale_sd
-from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, prior_price, solve
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
-from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray, SingleArray
+from fieldkit.model.arrays import AnyArray, BoolArray, ByteArray, FloatArray, SingleArray
 from fieldkit.model.confidence import CONFIDENCE, misfit_drop
 from fieldkit.model.slope import SlopeState, half_width_deg, is_too_wide
 from fieldkit.physics.bodies import BODIES
-from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import normal, tilt_azimuth
 
-PIECE = 32_768  # pixels at a time, so that their intermediate arrays stay small
-DEGREES = np.float32(180.0 / np.pi)
+PIECE = 4096
+"""Pixels at a time, whose rows and intermediate arrays fit the memory."""
 STEPS = 24
 """Points along the ellipse's edge: its extremes are met within one part in a hundred."""
 LEAST_ACROSS = 0.2
 """Least distance from the plane of the sun's motion at which information across it is used."""
+_NO_SLOPE = (SlopeState.NO_DATA, SlopeState.NO_INTERSECTION, SlopeState.SHADED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,101 +50,52 @@ class SlopeMap:
     state: ByteArray
 
 
-class MapSums:
-    """Running sums of a slope map over the frames (rows, cols) of a window.
+def pieces(pixels: int) -> list[slice]:
+    """The pixels of a frame, some at a time."""
+    return [slice(at, at + PIECE) for at in range(0, pixels, PIECE)]
 
-    `noise_k` is the standard deviation of one pixel, `tilt_limit_deg` the largest tilt considered,
-    `confidence` that with which a second slope must be worse.
+
+@dataclass(frozen=True, slots=True)
+class MapSums:
+    """Sums over the rows of a map, whose frames are of `shape` (rows, cols): the misfit of every pixel.
+
+    `rows` is their number, `sun` (3,) the mean vector towards the sun, `per_kelvin` the mean change of a
+    pixel's cosine to the sun per kelvin of its temperature.
     """
 
-    def __init__(
-        self,
+    shape: tuple[int, int]
+    misfit: Misfit
+    rows: int
+    sun: FloatArray
+    per_kelvin: float
+
+    @classmethod
+    def of(
+        cls,
         shape: tuple[int, int],
-        surface: SurfaceParameters,
-        noise_k: float,
-        tilt_limit_deg: float = 45.0,
-        confidence: float = CONFIDENCE,
-    ) -> None:
-        self.shape = shape
-        self.count: int = 0
-        self._surface, self._noise_k = surface, noise_k
-        self._drop = misfit_drop(confidence, 2)
-        self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
-        pixels = shape[0] * shape[1]
-        self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
-        self._weight_per_kelvin, self._towards_sun = 0.0, np.zeros(3)
-        # in pieces that fit the processor's cache: the loops are bound by memory
-        self._pieces = [slice(at, min(at + PIECE, pixels)) for at in range(0, pixels, PIECE)]
-
-    def add(
-        self,
-        temperature_k: FloatArray,
-        reference_k: float,
+        design: FloatArray,
         sun: FloatArray,
-        dni_w_m2: float,
-        reference_normal: FloatArray,
-        stored_w_m2: FloatArray | None = None,
-        noise_gain: float = 1.0,
-    ) -> None:
-        """Add one frame of surface temperatures (rows, cols); NaN makes a pixel unknown.
+        values: Callable[[slice], AnyArray],
+        per_kelvin: float = 0.0,
+    ) -> MapSums:
+        """Sum rows ``design n = value`` of unit variance, with a design (k, 3) that all pixels share.
 
-        `reference_normal` is the reference's unit normal (3,), `sun` the unit vector towards the sun (3,),
-        `dni_w_m2` > 0; with the full model the design vector and the beam with circumsolar light (`balance`).
-        `stored_w_m2` (rows, cols) is the heat flux into the layer of a pixel less that of the reference,
-        `noise_gain` how much more noise a pixel's heat has with it.
+        `values` gives those (k, pixels) of a slice of the pixels, NaN to make one unknown.
         """
-        steepness = float(irradiance_per_kelvin(reference_k, self._surface))
-        weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k * noise_gain)) ** 2
-        alpha, beta = self._surface.alpha / dni_w_m2, self._surface.beta / dni_w_m2
-        start = float(reference_normal @ sun) - (alpha * reference_k**4 + beta * reference_k)
-        flat_k = temperature_k.reshape(-1)
-        for piece in self._pieces:
-            kelvin = flat_k[piece]
-            # y = n . s by eq. (6), as ((alpha T^2) T + beta) T + start
-            y = kelvin * kelvin
-            y *= alpha
-            y *= kelvin
-            y += beta
-            y *= kelvin
-            y += start
-            if stored_w_m2 is not None:
-                y += stored_w_m2.reshape(-1)[piece] / ((1.0 - self._surface.albedo) * dni_w_m2)
-            for axis in range(3):
-                self._b[axis, piece] += (weight * sun[axis]) * y
-            y *= y
-            y *= weight
-            self._c[piece] += y
-        self._H += weight * np.outer(sun, sun)
-        self._towards_sun += weight * sun
-        self._weight_per_kelvin += weight * steepness / dni_w_m2
-        self.count += 1
-
-    def add_rows(self, design: FloatArray, sun: FloatArray, values: Callable[[slice], SingleArray]) -> None:
-        """Add rows ``design n = value`` of unit variance, with a design (k, 3) that all pixels share.
-
-        `sun` (3,) is the mean vector towards the sun; `values` gives those (k, pixels) of a slice of the
-        pixels, NaN to make one unknown.
-        """
-        for piece in self._pieces:
-            y = values(piece)
-            self._b[:, piece] += design.T.astype(np.float32) @ y
-            self._c[piece] += np.einsum("kp,kp->p", y, y)
-        self._H += design.T @ design
-        self._towards_sun += len(design) * sun
-        self.count += len(design)
-
-    @property
-    def per_kelvin(self) -> float:
-        """Mean change of a pixel's cosine to the sun per kelvin of its temperature."""
-        return self._weight_per_kelvin / float(np.trace(self._H))  # sun vectors are of length one
+        count = shape[0] * shape[1]
+        b, c = np.empty((count, 3)), np.empty(count)
+        for piece in pieces(count):
+            y = values(piece).T.astype(np.float64)
+            b[piece], c[piece] = y @ design, (y**2).sum(axis=1)
+        misfit = Misfit(design.T @ design, b, c, np.full(count, len(design)))
+        return cls(shape, misfit, len(design), sun / np.linalg.norm(sun), per_kelvin)
 
     def sun_axes(self) -> tuple[FloatArray, FloatArray]:
         """Axes along the mean sun, along its motion and across both, rows of (3, 3), the last one upwards.
 
-        Before them, (3,), the information of the frames so far along each: inverse variances of a pixel's
-        normal.
+        Before them, (3,), the information of the rows along each: inverse variances of a pixel's normal.
         """
-        values, vectors = np.linalg.eigh(self._H)
+        values, vectors = np.linalg.eigh(self.misfit.H)
         vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])
         return values[::-1], vectors[:, ::-1].T
 
@@ -154,141 +103,57 @@ class MapSums:
         """The component of every pixel's slope along the mean sun, (rows, cols): all that one frame gives."""
         values, axes = self.sun_axes()
         sun = axes[0] * np.copysign(1.0, axes[0, 2])
-        cosine = (sun @ self._b / values[0]).reshape(self.shape)
+        cosine = (self.misfit.b @ sun / values[0]).reshape(self.shape)
         scaled = instant_scale_sd(settings) * (cosine - reference_normal @ sun)
         unscaled = np.hypot(values[0] ** -0.5, settings.offset_sd_k * self.per_kelvin)
         return along_sun(sun, cosine, np.hypot(scaled, unscaled), settings)
 
-    def pull(self, direction: FloatArray, pixels: BoolArray) -> FloatArray:
-        """Half the gradient of the misfit of these pixels against a direction (3,), at the origin."""
-        return direction @ self._b[:, pixels.ravel()]
-
-    def solve(self, explained: BoolArray | None = None) -> SlopeMap:
-        """The map of all frames so far; the state is `TOO_FEW` with fewer than three.
+    def solve(self, settings: EstimatorSettings, explained: BoolArray | None = None) -> SlopeMap:
+        """The map; the state is `TOO_FEW` with fewer than three rows.
 
         `explained` are pixels (rows, cols) of regions of which a slope was found: neither a misfit refuses
         them, which widens their bounds instead, nor a slope beyond the limit, which their bounds may reach.
+        `settings` give the tilt limit, and the confidence with which a second slope must be worse.
         """
-        refused = np.ones(self._c.size, np.bool_) if explained is None else ~explained.ravel()
-        planes = np.full((4, self._c.size), np.nan, np.float32)
-        state = np.full(self._c.size, SlopeState.TOO_FEW, np.uint8)
-        if self.count >= 3:
-            values, axes = self.sun_axes()
-            for piece in self._pieces:
-                self._solve_piece(
-                    piece, values[::-1], axes[::-1].T, planes[:, piece], state[piece], refused[piece]
-                )
+        count = self.shape[0] * self.shape[1]
+        refused = np.ones(count, np.bool_) if explained is None else ~explained.ravel()
+        planes, state = np.full((4, count), np.nan, np.float32), np.full(count, SlopeState.TOO_FEW, np.uint8)
+        for piece in pieces(count) if self.rows >= 3 else ():
+            planes[:, piece], state[piece] = self._solve_piece(piece, refused[piece], settings)
         tilt, azimuth, second, chi_square = planes.reshape(4, *self.shape)
         return SlopeMap(tilt, azimuth, second, chi_square, state.reshape(self.shape))
 
-    @property
-    def _freedom(self) -> int:
-        return max(self.count - 2, 1)
-
     def _solve_piece(
-        self,
-        piece: slice,
-        values: FloatArray,
-        vectors: FloatArray,
-        planes: SingleArray,
-        state: ByteArray,
-        refused: BoolArray,
-    ) -> None:
-        import cv2
-
-        y1, y2, pull, remainder = self._resolve(piece, values, vectors)
-        m, e2, e1 = vectors.T.astype(np.float32)
-        sun = (self._towards_sun / np.linalg.norm(self._towards_sun)).astype(np.float32)
-        lowest, middle, highest = values.astype(np.float32)
-        x1 = np.clip(y1, -1.0, 1.0)
-        room = np.sqrt(1.0 - x1 * x1)
-        x2 = np.minimum(np.maximum(y2, -room), room)
-        across = np.sqrt(np.maximum(room * room - x2 * x2, 0.0))
-        # over hours the sun leaves that plane, which gives information across it as well
-        remainder += (lowest * across - 2.0 * pull) * across
-        gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
-        # both branches share the components in the plane
-        east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
-        lift = m[2] * across
-        flatter, steeper = level + lift, level - lift
-        is_alone = (steeper < self._limit_cosine) | (across == 0.0)
-        swap = ~is_alone & (gain < np.log(_square_sine(flatter) / _square_sine(steeper)))
-        remainder += swap * gain
-        side = np.float32(1.0) - np.float32(2.0) * swap
-        for numbers in (gain, across, lift):
-            numbers *= side
-        tilt, azimuth, second, chi_square = planes
-        chosen, other = level + lift, level - lift
-        _arc_cosine(chosen, tilt)
-        for component, part in ((north, m[1]), (east, m[0])):
-            component += part * across
-        is_dark = east * sun[0] + north * sun[1] + chosen * sun[2] < LOWEST_COS_INCIDENCE
-        # accurate to 0.01 degree, and forty times as fast as numpy's
-        azimuth[:] = cv2.phase(north, east, angleInDegrees=True).ravel()
-        pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
-        np.maximum(remainder, 0.0, out=remainder)
-        np.divide(np.add(remainder, pinned, out=remainder), self._freedom, out=chi_square)
-        self._set_states(chosen, other, chi_square, gain, is_alone, refused, state)
-        misfits = refused & (chi_square > _alarm(self._freedom))
-        _raise_state(state, misfits, SlopeState.NO_INTERSECTION)
-        _raise_state(state, is_dark, SlopeState.SHADED)
-        _raise_state(state, np.isnan(y1), SlopeState.NO_DATA)
-        _arc_cosine(other, second)
-        second += _NAN_UNLESS_NOT_RESOLVED.take(state)
-        unknown = state >= np.uint8(SlopeState.NO_INTERSECTION)  # else all are converted to integers
-        tilt[unknown] = azimuth[unknown] = np.nan  # they lie together
-
-    def _resolve(self, piece: slice, values: FloatArray, vectors: FloatArray) -> Iterator[SingleArray]:
-        """Each pixel's components in the plane of the sun's motion, its gradient across, and its misfit.
-
-        Once the ill-conditioned sums are resolved into these, single precision is enough.
-        """
-        pull, c2, c1 = vectors.T @ self._b[:, piece]
-        c1, c2 = c1 / values[2], c2 / values[1]
-        remainder = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
-        return (numbers.astype(np.float32) for numbers in (c1, c2, pull, remainder))
-
-    def _set_states(
-        self,
-        chosen: SingleArray,
-        other: SingleArray,
-        chi_square: SingleArray,
-        gain: SingleArray,
-        is_alone: BoolArray,
-        refused: BoolArray,
-        state: ByteArray,
-    ) -> None:
-        """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
+        self, piece: slice, refused: BoolArray, settings: EstimatorSettings
+    ) -> tuple[FloatArray, ByteArray]:
+        """Tilt, azimuth, second tilt and chi-square (4, p) of some pixels, and their states (p,)."""
+        whole, limit, freedom = self.misfit, settings.tilt_limit_deg, max(self.rows - 2, 1)
+        branches = solve(Misfit(whole.H, whole.b[piece], whole.c[piece], whole.count[piece]))
+        normals = np.stack([branches.first, branches.second])
+        misfits = np.stack([branches.first_misfit, branches.second_misfit])
+        tilts, azimuths = tilt_azimuth(normals)
+        # a branch beyond the limit is chosen only where the other one is too: the flatter then
+        is_alone = branches.merged | (tilts.max(axis=0) > limit)
+        rank = np.where(is_alone, tilts, misfits + prior_price(tilts)).argsort(axis=0)
+        (tilt, second), (azimuth, _), (least, other) = (
+            np.take_along_axis(each, rank, axis=0) for each in (tilts, azimuths, misfits)
+        )
+        cosine = np.take_along_axis(normals @ self.sun, rank, axis=0)[0]
+        chi_square = np.maximum(least, 0.0) / freedom
         # a misfit beyond noise inflates the variance, and with it the significant difference
-        significant = self._drop * np.maximum(chi_square, 1.0)
-        np.multiply(~is_alone & (gain < significant), np.uint8(SlopeState.NOT_RESOLVED), out=state)
-        limit = self._limit_cosine
-        too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
-        _raise_state(state, refused & too_steep, SlopeState.NO_INTERSECTION)
-
-
-def _raise_state(state: ByteArray, where: BoolArray, value: SlopeState) -> None:
-    """Set the state of some pixels; of two states the one of the larger number stays.
-
-    By arithmetic: where neighbouring pixels differ, a masked assignment takes thirty times as long.
-    """
-    np.maximum(state, where * np.uint8(value), out=state)
-
-
-_NAN_UNLESS_NOT_RESOLVED = np.full(len(SlopeState), np.nan, np.float32)
-_NAN_UNLESS_NOT_RESOLVED[SlopeState.NOT_RESOLVED] = 0.0
-
-
-def _square_sine(cosine: SingleArray) -> SingleArray:
-    """The prior of `choose` adds its logarithm to the misfit; below a tenth of a degree it is constant."""
-    return np.asarray(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6)))
-
-
-def _arc_cosine(cosine: SingleArray, out: SingleArray) -> None:
-    """In degrees."""
-    np.minimum(cosine, np.float32(1.0), out=out)
-    np.arccos(out, out=out)
-    out *= DEGREES
+        significant = misfit_drop(settings.confidence, 2) * np.maximum(chi_square, 1.0)
+        too_steep = (tilt > limit) | ((second > limit) & (other - least < -significant))
+        cases = {
+            SlopeState.NO_DATA: np.isnan(tilt),
+            SlopeState.SHADED: cosine < LOWEST_COS_INCIDENCE,
+            SlopeState.NO_INTERSECTION: refused & (too_steep | (chi_square > _alarm(freedom))),
+            SlopeState.NOT_RESOLVED: ~is_alone & (other - least < significant),
+        }
+        state = np.select(list(cases.values()), list(cases), SlopeState.OK).astype(np.uint8)
+        tilt[np.isin(state, _NO_SLOPE)] = np.nan
+        azimuth[np.isnan(tilt)] = np.nan
+        second[state != SlopeState.NOT_RESOLVED] = np.nan
+        return np.stack([tilt, azimuth, second, chi_square]), state
 
 
 def _alarm(freedom: int) -> float:
@@ -338,7 +203,9 @@ def posterior(
     inflation = np.maximum(slopes.chi_square[is_known].astype(np.float64), 1.0)
     covariance = _covariance(at, values, inflation)
     _add_systematics(covariance, at - axes @ reference_normal, sums.per_kelvin, settings)
-    gain = 4.0 * sums.pull(axes[2], is_known) * at[:, 2] / inflation
+    # half the gradient of the misfit across the plane, at the origin
+    pull = sums.misfit.b[is_known.ravel()] @ axes[2]
+    gain = 4.0 * pull * at[:, 2] / inflation
     second = np.exp(-0.5 * np.maximum(gain, 0.0))
     # a mirror that is too steep, with all that its ellipse may add to it, is no second slope
     up = at @ axes[:, 2] - 2.0 * at[:, 2] * axes[2, 2]

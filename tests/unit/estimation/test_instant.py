@@ -8,7 +8,6 @@ import pytest
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.instant import along_sun
-from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -17,6 +16,7 @@ from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.terrain import climb_deg
 from tests.harness.papers_field import SITE, temperatures_k, utc_ns
+from tests.harness.pixels import sums_of_frames
 
 AFTERNOON_NS = utc_ns("2017-08-30T06:00")
 LOW, HIGH = normal(60.0, 200.0), normal(25.0, 200.0)
@@ -116,9 +116,8 @@ def test_a_pixel_has_the_component_and_the_region_of_its_region():
     history = minute(AFTERNOON_NS, bed)
     settings = replace(PAPER, exchange_sd=0.0)
     of_region = estimate(history, settings)
-    sums = MapSums((1, 1), settings.surface, settings.noise_k)
     level_k, bed_k = history.temperature_k[0]
-    sums.add(np.array([[bed_k]]), level_k, history.sun[0], 800.0, VERTICAL)
+    sums = sums_of_frames([np.array([[bed_k]])], [level_k], history.sun, settings.noise_k)
     of_pixel = sums.along_sun(VERTICAL, settings)
     pixel = [float(one[0, 0]) for one in (of_pixel.tilt_deg, of_pixel.low_deg, of_pixel.high_deg)]
     region = [of_region.along_sun_deg, of_region.along_sun_low_deg, of_region.along_sun_high_deg]

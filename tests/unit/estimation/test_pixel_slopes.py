@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,9 +17,10 @@ from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from tests.harness.papers_field import SURFACE as PAPER
 from tests.harness.papers_field import suns
 from tests.harness.papers_field import temperatures_k as temperatures
-from tests.harness.pixels import add_frame
+from tests.harness.pixels import sums_of_slopes
 
 SHAPE = (20, 30)
+NOISE_ALONE = EstimatorSettings(model="paper", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
 
 
 @pytest.fixture
@@ -31,37 +31,27 @@ def scene():
     )
 
 
-def summed(sun, normals, noise_k=0.0, stated_k=0.05, error_k=0.0, seed=2, **options) -> MapSums:
+def summed(sun, normals, noise_k=0.0, stated_k=0.05, error_k=0.0, seed=2) -> MapSums:
     """Frames of facets (rows, cols, 3), with noise and an error of their own."""
-    random, shape = np.random.default_rng(seed), normals.shape[:2]
-    sums = MapSums(shape, PAPER, stated_k, **options)
-    for ray in sun:
-        add_frame(sums, normals, ray, noise_k * random.standard_normal(shape) + error_k)
-    return sums
+    noise = np.random.default_rng(seed).standard_normal((len(sun), *normals.shape[:2]))
+    return sums_of_slopes(normals, sun, stated_k, noise_k * noise + error_k)
 
 
-def mapped(sun, normals, noise_k=0.0, error_k=0.0):
-    return summed(sun, normals, noise_k, error_k=error_k).solve()
+def mapped(sun, normals, noise_k=0.0, error_k=0.0, settings=NOISE_ALONE):
+    return summed(sun, normals, noise_k, error_k=error_k).solve(settings)
 
 
 def test_more_pixels_have_a_second_slope_the_more_confidence_is_asked_for(scene):
     sun, normals = scene
-    maps = (summed(sun, normals, stated_k=0.003, confidence=one).solve() for one in (0.5, 0.9, 0.99))
+    sums = summed(sun, normals, stated_k=0.003)
+    maps = (sums.solve(replace(NOISE_ALONE, confidence=one)) for one in (0.5, 0.9, 0.99))
     counts = [np.count_nonzero(found.state == SlopeState.NOT_RESOLVED) for found in maps]
     assert counts[0] < counts[1] < counts[2]
 
 
 def bounded(sums, settings):
-    slopes = sums.solve()
+    slopes = sums.solve(settings)
     return with_bounds(slopes, posterior(slopes, sums, VERTICAL, settings), settings)
-
-
-def test_opencvs_azimuths_are_good_to_a_hundredth_of_a_degree():
-    """As the module states for its maps; an OpenCV with a coarser arc tangent would fail here."""
-    azimuth = np.radians(np.linspace(0.0, 360.0, 100_001)[:-1])
-    north, east = np.cos(azimuth).astype(np.float32), np.sin(azimuth).astype(np.float32)
-    found = cv2.phase(north, east, angleInDegrees=True).ravel()
-    assert np.abs((found - np.degrees(azimuth) + 180.0) % 360.0 - 180.0).max() < 0.01
 
 
 def test_every_pixel_gets_its_slope_or_says_that_two_fit(scene):
@@ -99,14 +89,13 @@ def test_pixels_without_temperature_have_no_data(scene):
 def test_gusts_widen_the_pixels_of_a_region_that_has_a_slope_and_refuse_others():
     """Exchange that changes by a tenth from minute to minute: more than noise, the more the warmer."""
     sun, truth = suns("2017-08-30T01:30", 90), normal(25.0, 180.0)
-    random, sums = np.random.default_rng(4), MapSums(SHAPE, PAPER, 0.05)
-    for ray in sun:
-        warmer_k = temperatures(truth, ray) - temperatures(VERTICAL, ray)
-        gust_k = 0.1 * random.standard_normal() * warmer_k
-        add_frame(sums, truth, ray, gust_k + 0.05 * random.standard_normal(SHAPE))
+    random, warmer_k = np.random.default_rng(4), temperatures(truth, sun) - temperatures(VERTICAL, sun)
+    gusts_k = 0.1 * random.standard_normal(len(sun)) * warmer_k
+    errors_k = gusts_k[:, np.newaxis, np.newaxis] + 0.05 * random.standard_normal((len(sun), *SHAPE))
+    sums = sums_of_slopes(truth, sun, 0.05, errors_k)
     explained = np.zeros(SHAPE, np.bool_)
     explained[:10] = True
-    slopes = sums.solve(explained)
+    slopes = sums.solve(NOISE_ALONE, explained)
     assert (slopes.state[10:] == SlopeState.NO_INTERSECTION).all()
     assert (slopes.state[:10] != SlopeState.NO_INTERSECTION).all()
     likelihood = posterior(slopes, sums, VERTICAL, EstimatorSettings(surface=PAPER))
@@ -175,7 +164,6 @@ def test_two_frames_are_too_few(scene):
 # --- uncertainty of a pixel, against the likelihood of a region and against many draws of noise
 
 NOISE_K = 0.05
-NOISE_ALONE = EstimatorSettings(model="paper", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
 MORNING = "2017-08-30T00:30"
 
 
