@@ -90,10 +90,7 @@ MEASURED_DRIFT_K = (0.3, 1.9, 5.5, 1.8, 3.2)
 SURFRAD Alamosa 2015-12-31 and 2016-01-01 and Table Mountain 2017-01-05 (overcast, snow), ARM SGP E14
 2019-06-01 and E39 2023-06-01, by regression on the ground's temperature from upwelling longwave."""
 MEASURED_SWING_W_M2 = 90.0  # of the heat flux into the ground, the same of both ARM days
-CLOCK_S, DRIFT_K_MIN = (
-    90.0,
-    0.1,
-)  # the largest shift that is not refused, of a probe that just counts as steady
+CLOCK_S, DRIFT_K_MIN = 90.0, 0.1  # the largest shift not refused, of a probe that just counts as steady
 
 
 def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:

@@ -134,17 +134,8 @@ def test_version_says_where_an_installation_came_from(records, said, tmp_path, m
 
 def wheel_of(folder: Path) -> Path:
     """A wheel of the project, built in isolation and dated as its archives are."""
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--wheel-dir",
-        str(folder),
-        str(ROOT),
-    ]
+    pip_wheel = ["-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir"]
+    command = [sys.executable, *pip_wheel, str(folder), str(ROOT)]
     subprocess.run(command, check=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}, timeout=600)
     return next(folder.glob("fieldkit_slope-*.whl"))
 

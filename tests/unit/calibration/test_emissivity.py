@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings, own_part_k
+from fieldkit.calibration.band import CameraBand, before_camera_settings, own_part_k
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED_UNCERTAINTIES,
     Pairs,
@@ -109,12 +109,6 @@ def test_a_cameras_constants_r_and_o_fall_out_and_its_band_is_used():
     one, other = (fit_emissivity(pairs(), NO_ERROR, band=band).value for band in (plain, full))
     assert one == pytest.approx(other, abs=1e-6)
     assert one == pytest.approx(0.90, abs=0.01)  # the flat band made them
-
-
-def test_a_flat_response_is_the_flat_band():
-    band = ResponseBand([8.0, 14.0], [1.0, 1.0])
-    assert fit_emissivity(pairs(), NO_ERROR, band=band).value == pytest.approx(0.90, abs=1e-4)
-    np.testing.assert_allclose(band.temperature(band.signal([230.0, 300.0])), [230.0, 300.0], atol=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import CameraStream, OpenBin, RegionSums
+from fieldkit.estimation.bins import CameraStream, OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
@@ -72,17 +72,12 @@ def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle():
 
 
 def test_pixels_that_cannot_be_are_left_out_of_the_mean_of_their_region():
-    """A dead pixel of 0 counts, -273 degC, would move the mean of 16 pixels by 18 K."""
-    info = StreamInfo("camera", "brightness_temperature", "K", (4, 4), 0.01)
-    corners = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
-    camera = CameraStream(
-        info, {0: Region("flat", RegionKind.REFERENCE, corners)}, surface_settings(1.0, 233.15)
-    )
-    counts = np.full((4, 4), 29_315, np.uint16)
-    counts[1, 2] = 0
-    sums = RegionSums(1)
-    sums.add(camera.sums(frame(counts, 0.0), camera.outline), 0)
+    """A dead pixel of 0 counts, -273 degC, would move the mean of 4 pixels by 73 K."""
+    camera = CameraStream(INFO, {0: FLAT, 1: BED}, surface_settings(1.0, 233.15))
+    counts = np.full((4, 6), 29_315)
+    counts[1, 1] = 0
+    sums = minute_of(camera, frame(counts, 0.0)).cameras["ir"].sums
     kelvin, spread = camera.means(sums)
-    assert kelvin == pytest.approx([293.15])
-    assert spread == pytest.approx([0.0])
-    assert camera.mean_pixels(sums).tolist() == [15]
+    assert kelvin == pytest.approx([293.15, 293.15])
+    assert spread == pytest.approx([0.0, 0.0])
+    assert camera.mean_pixels(sums).tolist() == [3, 6]

@@ -1,6 +1,5 @@
 """References that were computed from the weather, beside measured ones, and tables that have them."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.results.estimate import estimate_tables
 from fieldkit.weather import packaged_day
-from tests.harness.drawn import drawn_world
+from tests.harness.drawn import drawn_world, later, write_table
 from tests.harness.next_steps import at
 from tests.shared_data import shared
 
@@ -62,22 +61,14 @@ def test_few_rows_judge_nothing():
 
 
 def write(path, history):
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["time", "reference_k", "bed_k", "air_k", "irradiance_w_m2", "diffuse_w_m2"])
-        times = np.datetime_as_string(history.time_ns.astype("datetime64[ns]"), unit="s")
-        columns = (history.temperature_k[:, 0], history.temperature_k[:, 1], history.air_k)
-        writer.writerows(
-            zip(np.char.add(times, "Z"), *columns, history.dni_w_m2, history.dhi_w_m2, strict=True)
-        )
-    return path
+    reference_k, bed_k, *_ = history.temperature_k.T
+    return write_table(path, history, reference_k=reference_k, bed_k=bed_k)
 
 
 def test_tables_beside_a_computed_reference_are_refused_alone_and_together(tmp_path):
     first = with_reference(WORLDS[CLEAR].history, of_light(WORLDS[CLEAR].history))
-    second = replace(first, minute=first.minute + 1440, time_ns=first.time_ns + 1440 * MINUTE_NS)
-    days = [write(tmp_path / f"{number}.csv", day) for number, day in enumerate((first, second))]
-    both, site = write(tmp_path / "both.csv", join([first, second])), packaged_day().site
+    days = [write(tmp_path / f"{number}.csv", later(first, number)) for number in range(2)]
+    both, site = write(tmp_path / "both.csv", join([first, later(first)])), packaged_day().site
     keys = ["estimator.model=learned"]
     for tables in (days[:1], days, [both]):
         with pytest.raises(ConfigError, match="computed", check=at(tables[0])):

@@ -66,23 +66,6 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
     assert not events
 
 
-@pytest.mark.parametrize("flag", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
-def test_flagged_contact_readings_are_excluded_from_the_mean(flag):
-    instruments = Instruments((StreamInfo("probe", "temperature", "K", (2,)),), EstimatorSettings())
-    minute = OpenBin(0, np.arange(0))
-    for second, value in enumerate([298.15, 9000.0, 300.15]):
-        quality = flag if value > 1000.0 else Quality.GOOD
-        minute.add_reading(Reading("probe", second, second * 10**9, (value, 293.15), quality=quality))
-    assert instruments.contact_k(minute) == pytest.approx((299.15, 293.15))
-
-
-def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
-    instruments = Instruments((StreamInfo("probe", "temperature", "K", (2,)),), EstimatorSettings())
-    minute = OpenBin(0, np.arange(0))
-    minute.add_reading(Reading("probe", 0, 0, (9000.0, 293.15), quality=Quality.BAD_CRC))
-    assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
-
-
 # --- air and probes
 
 
@@ -231,11 +214,6 @@ def beam(readings: dict[str, float], *streams: StreamInfo, settings: EstimatorSe
         minute.add_reading(Reading(name, AT_22_DEGREES, AT_22_DEGREES, (value,)))
     (found,) = instruments.light(minute, SITE, settings).dni_w_m2
     return float(found)
-
-
-def test_global_light_on_the_horizontal_is_divided_by_the_suns_height_and_freed_of_the_sky():
-    """400 W/m2 at 22 degrees of sun belong to a beam of about 900, not of 400."""
-    assert beam({"sun": 400.0}, radiation("sun", "ghi")) == pytest.approx(900.0, abs=10.0)
 
 
 @pytest.mark.parametrize("global_w_m2", [120.0, 250.0, 400.0])

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import CLEAR, DAY_NS, SOUTH
+from benchmarks.drawn_worlds import CLEAR, SOUTH
 from benchmarks.estimation_together import alone_and_together, as_part, half_widths, visits
 from fieldkit.estimation.bins import join
 from fieldkit.estimation.together import MOST_APART_M, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import EARTH_RADIUS_M, RegionKind
 from fieldkit.physics.slab import Slab
+from tests.harness.drawn import later
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +31,8 @@ def moved(part, metres_north):
     return replace(part, site=replace(part.site, latitude_deg=part.site.latitude_deg + north))
 
 
-def later(part, shift_ns):
-    minutes = shift_ns // 60_000_000_000
-    history = replace(
-        part.history, minute=part.history.minute + minutes, time_ns=part.history.time_ns + shift_ns
-    )
-    return replace(part, history=history)
+def moved_by(part, days):
+    return replace(part, history=later(part.history, days))
 
 
 def with_region(part, place, **changes):
@@ -53,7 +50,7 @@ def with_settings(part, **changes):
     [
         (lambda one: moved(one, 1.1 * MOST_APART_M), "110 m from"),
         (lambda one: replace(one, site=replace(one.site, body="mars")), " m from"),
-        (lambda one: later(one, -DAY_NS), "begins at"),
+        (lambda one: moved_by(one, -1), "begins at"),
         (lambda one: with_region(one, 0, name="level"), "other references: .* has flat"),
         (lambda one: with_region(one, 0, tilt_deg=3.0, azimuth_deg=90.0), "other references: .*3°, 90°"),
         (lambda one: with_region(one, 1, azimuth_deg=90.0), "^region bed1: .* 180° and 90°"),
@@ -93,7 +90,7 @@ def test_a_region_that_a_session_lacks_is_not_measured_there(parts):
 
 def test_a_gap_of_a_night_within_a_session_begins_anew_as_another_session_does(parts):
     night = replace(parts[0], history=join([one.history for one in parts]))
-    after = later(parts[0], 2 * DAY_NS)
+    after = moved_by(parts[0], 2)
     split = slopes_together([*parts, after]).estimated.slopes
     assert slopes_together([night, after]).estimated.slopes == split
 

@@ -1,6 +1,5 @@
 """Slopes from the weather alone, on days of the forward model of plans, which shares no code with it."""
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,11 +17,11 @@ from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
-from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.recording.predict import history_of
 from fieldkit.results.estimate import estimate_tables
 from fieldkit.weather import packaged_day
+from tests.harness.drawn import later, write_table
 
 FACETS = {"east": (30.0, 90.0), "south": (40.0, 180.0), "west wall": (90.0, 270.0)}
 REGIONS = [Region(name, RegionKind.TARGET, ((0.0, 0.0),)) for name in FACETS]
@@ -167,10 +166,6 @@ def test_one_empty_minute_changes_next_to_nothing(day, slopes):
     assert slope.tilt_deg == pytest.approx(slopes["east"].tilt_deg, abs=0.5)
 
 
-def later(day, days):
-    return replace(day, minute=day.minute + 1440 * days, time_ns=day.time_ns + 1440 * days * MINUTE_NS)
-
-
 def test_several_days_narrow_a_slope_by_half_their_evidence(day, slopes):
     """Two equal days with the exponent one half are one day; four are two."""
     east = day.only(np.array([0]))
@@ -219,15 +214,8 @@ def test_directions_share_the_sphere_evenly():
 
 
 def test_a_table_needs_no_reference_then(day, tmp_path):
-    path, kelvin = tmp_path / "bed.csv", day.temperature_k[:, 0]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(
-            ["time", "bed_k", "air_k", "irradiance_w_m2", "diffuse_w_m2", "longwave_w_m2", "wind_m_s"]
-        )
-        weather = (day.air_k, day.dni_w_m2, day.dhi_w_m2, day.longwave_down_w_m2, np.full(len(day), 2.0))
-        times = np.datetime_as_string(day.time_ns.astype("datetime64[ns]"), unit="s")
-        writer.writerows(zip(np.char.add(times, "Z"), kelvin, *weather, strict=True))
+    columns = {"longwave_w_m2": day.longwave_down_w_m2, "wind_m_s": np.full(len(day), 2.0)}
+    path = write_table(tmp_path / "bed.csv", day, bed_k=day.temperature_k[:, 0], **columns)
     with pytest.raises(ConfigError, match="reference_k"):
         estimate_tables([path], packaged_day().site)
     keys = ["estimator.reference=weather", "surface.kind=plate"]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.drawn_worlds import CLEAR
-from fieldkit.estimation.bins import History, RegionColumns, join
+from fieldkit.estimation.bins import RegionColumns, join
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned import inputs
 from fieldkit.estimation.learned.layout import Layout
@@ -13,31 +13,25 @@ from fieldkit.estimation.table import slopes_of_part
 from fieldkit.estimation.together import Part
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeState
-from fieldkit.model.units import DAY_S, MINUTE_NS, SECOND_NS
 from fieldkit.weather import packaged_day
-from tests.harness.drawn import drawn_world
-
-
-def a_day_later(day: History) -> History:
-    one_day_ns = DAY_S * SECOND_NS
-    return replace(day, minute=day.minute + one_day_ns // MINUTE_NS, time_ns=day.time_ns + one_day_ns)
+from tests.harness.drawn import drawn_world, later
 
 
 def test_after_a_night_the_reason_is_that_of_the_new_day():
     world = drawn_world(5, CLEAR, minutes=12)
     day = world.history
-    later = replace(a_day_later(day), temperature_k=np.full_like(day.temperature_k, np.nan))
+    blind = replace(later(day), temperature_k=np.full_like(day.temperature_k, np.nan))
     chain = SlopeChain(world.regions, replace(world.settings, model="learned"))
-    for one in chain.at(join([day, later])).slopes:
+    for one in chain.at(join([day, blind])).slopes:
         assert one.reason.endswith("reference yet")
-        assert one.window_start_ns == later.time_ns[0]
+        assert one.window_start_ns == blind.time_ns[0]
 
 
 def test_all_days_of_a_table_count():
     """Five minutes of the second day took the place of all of the first."""
     world = drawn_world(5, CLEAR, minutes=30)
     settings = replace(world.settings, model="learned")
-    table = join([world.history, a_day_later(world.history).until(5)])
+    table = join([world.history, later(world.history).until(5)])
     for one in slopes_of_part(Part("table", packaged_day().site, world.regions, table, settings)):
         assert one.state is not SlopeState.TOO_FEW
         assert one.n_bins == 35

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from fieldkit.estimation.learned.inputs import Logged, minutes_between
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner, Recorded
 from fieldkit.estimation.learned.normals import unit_normals
-from fieldkit.estimation.learned.readout import Moments, learnt_parameters, moments
+from fieldkit.estimation.learned.readout import learnt_parameters, moments
 from fieldkit.physics.facet import angle_between_deg, normal
 from tests.harness.drawn import drawn_world
 
@@ -171,28 +172,22 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     layout, made = inputs(drawn, drawn.regions, drawn.settings)
 
     def spread(settings):
+        """Moments of a learner with one hypothesis."""
         filters = Filters(layout, ONE, settings, Start(made[0], LOGGED))
         for minute in made:
             filters.step(minute)
         starts = tuple(filters.mean[:, layout.normal(i)] for i in range(layout.targets))
         starts = tuple(one / np.linalg.norm(one, axis=1, keepdims=True) for one in starts)
-        return filters, unit_normals(filters, starts, 60)
+        normals = unit_normals(filters, starts, 60)
+        posterior = SimpleNamespace(filters=filters, normals=normals, weights=np.ones(1))
+        return moments(SimpleNamespace(layout=layout, settings=settings, posterior=posterior))
 
-    class OneHypothesis:
-        def __init__(self, settings):
-            filters, normals = spread(settings)
-            self.layout, self.settings = layout, settings
-            weights = np.zeros(1)
-            self.posterior = type("P", (), {})()
-            self.posterior.filters, self.posterior.normals = filters, normals
-            self.posterior.weights = weights + 1.0
-
-    before: Moments = moments(OneHypothesis(drawn.settings))
+    before = spread(drawn.settings)
     prior, sd = drawn.settings.prior, 5.0
     # a prior and a reading together: variances add by their inverses
     measured_sd = (prior.longwave_sd_w_m2**-2 + sd**-2) ** -0.5
     measured = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=measured_sd))
-    after = moments(OneHypothesis(measured))
+    after = spread(measured)
     for target in range(3):
         promised = before.sd_if_known(f"tilt{target}", {"longwave": sd})
         assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
