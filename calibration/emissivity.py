@@ -26,7 +26,7 @@ from scipy.special import chdtrc
 
 from fieldkit.calibration.band import FLAT, Band, own_part_k
 from fieldkit.calibration.line import Line, Points, fit_line
-from fieldkit.calibration.uncertainty import Budgeted, Contribution, effective_freedom, largest
+from fieldkit.calibration.uncertainty import Budgeted, Contribution, largest
 from fieldkit.model.arrays import CountArray, FloatArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.next_step import Argument
@@ -134,11 +134,6 @@ class Emissivity(Budgeted):
     def largest(self) -> Contribution:
         """The contribution with the largest effect."""
         return largest(self.budget)
-
-    @property
-    def effective_freedom(self) -> float:
-        """Degrees of freedom of the standard uncertainty (Welch and Satterthwaite)."""
-        return effective_freedom(self.budget, self.freedom)
 
 
 def fit_emissivity(

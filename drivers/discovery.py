@@ -157,7 +157,7 @@ def check_instruments(sysfs: Path = SYSFS, configured: Sequence[DeviceSettings] 
     """Check the cameras and serial ports of this computer; `configured` ones elsewhere are not missed."""
     found_cameras, found_ports = cameras(), serial_ports()
     raw_only = list(_raw_nodes(sysfs, RAW_ONLY))
-    yield from _libraries()
+    yield _libraries()
     without_port = list(_adapters_without_port(sysfs, found_ports))
     kinds = [_connection(settings) for settings in configured]
     elsewhere = any(is_camera for _, is_camera in kinds) and ("USB video", True) not in kinds
@@ -192,7 +192,7 @@ def _connection(settings: DeviceSettings) -> tuple[str, bool]:
     return "USB serial" if isinstance(driver, SerialDriver) else "", is_camera
 
 
-def _libraries() -> Iterator[Finding]:
+def _libraries() -> Finding:
     try:
         import usb.backend.libusb1
 
@@ -200,14 +200,9 @@ def _libraries() -> Iterator[Finding]:
     except ImportError:
         present = False
     if present:
-        yield Finding("ok", "libusb", "installed, for cameras and meters that need it")
-    else:
-        yield Finding(
-            "warn",
-            "libusb",
-            "missing: needed by P2 Pro commands, P1/P3 cameras, UT325",
-            "sudo apt install libusb-1.0-0",
-        )
+        return Finding("ok", "libusb", "installed, for cameras and meters that need it")
+    text = "missing: needed by P2 Pro commands, P1/P3 cameras, UT325"
+    return Finding("warn", "libusb", text, "sudo apt install libusb-1.0-0")
 
 
 def _permission(path: str, usb: UsbIdentity, group: str, present: Sequence[UsbIdentity] = ()) -> Finding:

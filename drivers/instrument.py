@@ -31,12 +31,39 @@ if TYPE_CHECKING:
 TIMEOUT_S = 5.0
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class MeasuredFrame:
-    """One frame of a camera and the stream that defines its scale."""
+S = TypeVar("S", Frame, Reading)
 
-    frame: Frame
+
+@dataclass(frozen=True, slots=True, repr=False)
+class _Measured(Generic[S]):
+    """A sample and the stream that it is of."""
+
+    sample: S
     info: StreamInfo
+
+    @property
+    def quality(self) -> Quality:
+        """Reasons to trust the sample less."""
+        return self.sample.quality
+
+    @property
+    def is_usable(self) -> bool:
+        """True if it may enter a result: no shutter correction, saturation, repetition, impossible value."""
+        return is_usable(self.sample.quality) and Quality.IMPLAUSIBLE not in self.sample.quality
+
+    @property
+    def time(self) -> datetime:
+        """When the frame was taken, or the first byte of the reading was on the wire, UTC."""
+        return datetime.fromtimestamp(self.sample.time_ns / 1e9, UTC)
+
+    def _described(self, what: str, content: str) -> str:
+        stamp = f"{self.time:%Y-%m-%d %H:%M:%S}.{self.time.microsecond // 1000:03d} UTC"
+        flags = ", ".join(flag.name.lower() for flag in self.quality if flag.name) or "good"
+        return f"<{what} of {self.info.name}: {content}, {stamp}, {flags}>"
+
+
+class MeasuredFrame(_Measured[Frame]):
+    """One frame of a camera and the stream that defines its scale."""
 
     @property
     def kelvin(self) -> FloatArray:
@@ -44,39 +71,20 @@ class MeasuredFrame:
 
         NaN where the camera's scale is unknown; `quality` then has `NO_VALUE`.
         """
-        return frame_k(self.info, self.frame.counts, self.frame.metadata_rows)
+        return frame_k(self.info, self.sample.counts, self.sample.metadata_rows)
 
     @property
     def counts(self) -> CountArray:
         """The pixels as the camera sent them, shape (rows, cols)."""
-        return self.frame.counts
-
-    @property
-    def quality(self) -> Quality:
-        """Reasons to trust the frame less."""
-        return self.frame.quality
-
-    @property
-    def is_usable(self) -> bool:
-        """True if the frame may enter a result: no shutter correction, saturation, repetition."""
-        return is_usable(self.frame.quality)
-
-    @property
-    def time(self) -> datetime:
-        """Time at which the frame was taken, UTC."""
-        return _utc(self.frame.time_ns)
+        return self.sample.counts
 
     def __repr__(self) -> str:
-        rows, columns = self.frame.counts.shape
-        return f"<frame of {self.info.name}: {columns}x{rows}, {_stamp(self.time)}, {_flags(self.quality)}>"
+        rows, columns = self.counts.shape
+        return self._described("frame", f"{columns}x{rows}")
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class MeasuredReading:
+class MeasuredReading(_Measured[Reading]):
     """One reading of a meter and the stream that names its channels and their unit."""
-
-    reading: Reading
-    info: StreamInfo
 
     @property
     def value(self) -> float:
@@ -87,51 +95,24 @@ class MeasuredReading:
         ValueError
             If the meter has several channels; `values` has them by name.
         """
-        if len(self.reading.values) != 1:
+        if len(self.sample.values) != 1:
             channels = ", ".join(self.info.channels)
             raise ValueError(f"{self.info.name} has several channels ({channels}): use .values[name]")
-        return self.reading.values[0]
+        return self.sample.values[0]
 
     @property
     def values(self) -> dict[str, float]:
         """The value of each channel, in `unit`; NaN where it shows none."""
-        return dict(zip(self.info.channels, self.reading.values, strict=True))
+        return dict(zip(self.info.channels, self.sample.values, strict=True))
 
     @property
     def unit(self) -> str:
         """Unit of the values: K, lx, W m-2."""
         return self.info.unit
 
-    @property
-    def quality(self) -> Quality:
-        """Reasons to trust the reading less."""
-        return self.reading.quality
-
-    @property
-    def is_usable(self) -> bool:
-        """True if every value of the reading may enter a result."""
-        return is_usable(self.reading.quality) and Quality.IMPLAUSIBLE not in self.reading.quality
-
-    @property
-    def time(self) -> datetime:
-        """Time at which the first byte of the reading was on the wire, UTC."""
-        return _utc(self.reading.time_ns)
-
     def __repr__(self) -> str:
-        values = ", ".join(f"{name} {value:.6g} {self.unit}" for name, value in self.values.items())
-        return f"<reading of {self.info.name}: {values}, {_stamp(self.time)}, {_flags(self.quality)}>"
-
-
-def _utc(time_ns: int) -> datetime:
-    return datetime.fromtimestamp(time_ns / 1e9, UTC)
-
-
-def _stamp(time: datetime) -> str:
-    return f"{time:%Y-%m-%d %H:%M:%S}.{time.microsecond // 1000:03d} UTC"
-
-
-def _flags(quality: Quality) -> str:
-    return ", ".join(flag.name.lower() for flag in quality if flag.name) or "good"
+        values = (f"{name} {value:.6g} {self.unit}" for name, value in self.values.items())
+        return self._described("reading", ", ".join(values))
 
 
 M = TypeVar("M", bound=MeasuredFrame | MeasuredReading, covariant=True)

@@ -16,24 +16,10 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from fieldkit.drivers import options
+from fieldkit.drivers import identity, options
 from fieldkit.drivers.connections import connect, is_address
 from fieldkit.drivers.decoding import RecordDriver
 from fieldkit.drivers.framing import BAUDS, CHUNK_BYTES, Line, Port
-from fieldkit.drivers.identity import (
-    SYSFS,
-    UDEV_FIX,
-    Found,
-    Kind,
-    candidates,
-    group_of,
-    listing,
-    only_one,
-    refusal,
-    text_in,
-    unplugged,
-    usb_parent,
-)
 from fieldkit.drivers.modem_lines import SCHEME, ModemLines
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
@@ -102,7 +88,7 @@ class SerialPort(Port):
         try:
             yield
         except (OSError, termios.error) as error:
-            raise unplugged(self.path, "gone") from error
+            raise identity.unplugged(self.path, "gone") from error
 
 
 def _identity_of(path: str) -> str:
@@ -111,7 +97,9 @@ def _identity_of(path: str) -> str:
     return next((usb.as_text([usb for _, usb in ports]) for path, usb in ports if path == real), "")
 
 
-def open_port(settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()) -> Port:
+def open_port(
+    settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[identity.Kind] = ()
+) -> Port:
     """The port at the address that `settings` name, or at `port_path`, opened."""
     if settings.port.startswith(SCHEME):
         return ModemLines(settings.port.removeprefix(SCHEME), clock)
@@ -125,11 +113,11 @@ def baud(settings: DeviceSettings, usual: int) -> int:
     return options.whole(settings, "baud", usual, (BAUDS[0], BAUDS[-1]))
 
 
-def serial_ports() -> list[Found]:
+def serial_ports() -> list[identity.Found]:
     """(path, identity) of every USB serial port of this computer."""
-    nodes = sorted((SYSFS / "class/tty").glob("tty[UA]*"))
-    parents = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
-    return [(path, identity) for path, identity in parents if identity is not None]
+    nodes = sorted((identity.SYSFS / "class/tty").glob("tty[UA]*"))
+    parents = ((f"/dev/{node.name}", identity.usb_parent((node / "device").resolve())) for node in nodes)
+    return [(path, usb) for path, usb in parents if usb is not None]
 
 
 class Probe(NamedTuple):
@@ -156,16 +144,18 @@ class SerialDriver(RecordDriver):
     options: tuple[str, ...] = ()
     needs: Mapping[str, Sequence[str]] = MappingProxyType({})
     probes: Sequence[Probe] = ()
-    kinds: Sequence[Kind] = ()
+    kinds: Sequence[identity.Kind] = ()
     caveat = "any adapter: only what it sends or replies decides"
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters that the instrument may have."""
-        adapters = candidates(self.name, "serial adapter", serial_ports(), self.kinds or None, self.caveat)
+        adapters = identity.candidates(
+            self.name, "serial adapter", serial_ports(), self.kinds or None, self.caveat
+        )
         return [replace(adapter, title=f"{self.title} ({adapter.title})") for adapter in adapters]
 
 
-def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:
+def port_path(settings: DeviceSettings, kinds: Sequence[identity.Kind] = ()) -> str:
     """Path of the port that `settings` names, by path or identity; with neither, of the only matching one.
 
     `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
@@ -175,10 +165,10 @@ def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:
     if settings.port:
         _refuse_another(settings, ports)
         return settings.port
-    return only_one(settings, ports, kinds, "USB serial port")[0]
+    return identity.only_one(settings, ports, kinds, "USB serial port")[0]
 
 
-def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
+def _refuse_another(settings: DeviceSettings, ports: list[identity.Found]) -> None:
     """A port that is given with an identity must have it: node numbers change at every boot."""
     real, present = os.path.realpath(settings.port), [usb for _, usb in ports]
     usb = next((usb for path, usb in ports if path == real), None)
@@ -192,7 +182,7 @@ def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     if usb in matching:
         wrong = f"identity {settings.identity} is that of {len(matching)} ports of one adapter"
     raise DeviceNotFoundError(
-        f"{wrong}; {listing(ports, 'USB serial port')}",
+        f"{wrong}; {identity.listing(ports, 'USB serial port')}",
         place=settings.name,
         fix=f'omit port from the configuration: the identity is enough, of {settings.port} "{own}"',
     )
@@ -203,12 +193,14 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     code = getattr(error, "errno", None)
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
-            f"no such serial port; {listing(serial_ports(), 'USB serial port')}",
+            f"no such serial port; {identity.listing(serial_ports(), 'USB serial port')}",
             place=path,
             fix="plug the instrument in; " + Action.FIND_DEVICES() + " shows the identity",
         )
-    fix = f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX
-    return refusal(path, error, group_of(path), fix) or DeviceAccessError(
+    fix = (
+        f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + identity.UDEV_FIX
+    )
+    return identity.refusal(path, error, identity.group_of(path), fix) or DeviceAccessError(
         f"cannot be opened: {error}", place=path, fix=Action.DOCTOR() + " checks the cause"
     )
 
@@ -220,6 +212,6 @@ def _shorten_usb_latency(port: Any) -> dict[str, int]:
     """
     with suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
-    node = SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
-    latency_ms = text_in(node / "device" / "latency_timer")
+    node = identity.SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
+    latency_ms = identity.text_in(node / "device" / "latency_timer")
     return {"usb_latency_ms": int(latency_ms)} if latency_ms else {}

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
-from types import MappingProxyType
 from typing import Any, cast
 
 from fieldkit.drivers.decoding import Decoded, Decodes
@@ -28,31 +27,29 @@ from fieldkit.model.spelling import nearest
 
 GROUP = "fieldkit.drivers"
 
-BUILT_IN: Mapping[str, str] = MappingProxyType(
-    {
-        "purethermal": "fieldkit.drivers.cameras.purethermal:PureThermal",
-        "p2pro": "fieldkit.drivers.cameras.p2pro:P2Pro",
-        "boson": "fieldkit.drivers.cameras.boson:Boson",
-        "ht301": "fieldkit.drivers.cameras.ht301:Ht301",
-        "thermal-master": "fieldkit.drivers.cameras.thermal_master:ThermalMaster",
-        "tc002c": "fieldkit.drivers.cameras.tc002c:Tc002c",
-        "tcam": "fieldkit.drivers.cameras.tcam:TCam",
-        "htpa": "fieldkit.drivers.cameras.htpa:Htpa",
-        "mlx90640": "fieldkit.drivers.cameras.mlx90640:Mlx90640",
-        "genicam": "fieldkit.drivers.cameras.genicam:Genicam",
-        "y16": "fieldkit.drivers.cameras.y16:Y16",
-        "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
-        "lutron": "fieldkit.drivers.meters.lutron:Lutron",
-        "center-309": "fieldkit.drivers.meters.center:Center309",
-        "center-303": "fieldkit.drivers.meters.center:Center303",
-        "modbus": "fieldkit.drivers.meters.modbus:Modbus",
-        "pce-174": "fieldkit.drivers.meters.pce_174:Pce174",
-        "ut325": "fieldkit.drivers.meters.ut325:Ut325",
-        "nmea": "fieldkit.drivers.meters.nmea:Nmea",
-        "gpsd": "fieldkit.drivers.meters.gpsd:Gpsd",
-        "text": "fieldkit.drivers.meters.text:Text",
-    }
-)
+BUILT_IN: Mapping[str, str] = {
+    "purethermal": "fieldkit.drivers.cameras.purethermal:PureThermal",
+    "p2pro": "fieldkit.drivers.cameras.p2pro:P2Pro",
+    "boson": "fieldkit.drivers.cameras.boson:Boson",
+    "ht301": "fieldkit.drivers.cameras.ht301:Ht301",
+    "thermal-master": "fieldkit.drivers.cameras.thermal_master:ThermalMaster",
+    "tc002c": "fieldkit.drivers.cameras.tc002c:Tc002c",
+    "tcam": "fieldkit.drivers.cameras.tcam:TCam",
+    "htpa": "fieldkit.drivers.cameras.htpa:Htpa",
+    "mlx90640": "fieldkit.drivers.cameras.mlx90640:Mlx90640",
+    "genicam": "fieldkit.drivers.cameras.genicam:Genicam",
+    "y16": "fieldkit.drivers.cameras.y16:Y16",
+    "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
+    "lutron": "fieldkit.drivers.meters.lutron:Lutron",
+    "center-309": "fieldkit.drivers.meters.center:Center309",
+    "center-303": "fieldkit.drivers.meters.center:Center303",
+    "modbus": "fieldkit.drivers.meters.modbus:Modbus",
+    "pce-174": "fieldkit.drivers.meters.pce_174:Pce174",
+    "ut325": "fieldkit.drivers.meters.ut325:Ut325",
+    "nmea": "fieldkit.drivers.meters.nmea:Nmea",
+    "gpsd": "fieldkit.drivers.meters.gpsd:Gpsd",
+    "text": "fieldkit.drivers.meters.text:Text",
+}
 
 
 def names() -> list[str]:

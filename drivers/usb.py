@@ -6,13 +6,16 @@ pyusb is loaded when used; without it or libusb, nothing is found. Its exception
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from fieldkit.drivers.identity import Found, Kind, UsbIdentity, only_one, refusal, unplugged
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceError
+from fieldkit.model.errors import DeviceError, DeviceTimeoutError
+
+PATIENCE_S = 2.0
 
 
 def usb_instruments(kinds: Sequence[Kind]) -> list[tuple[Any, UsbIdentity]]:
@@ -65,6 +68,15 @@ def read_until(unit: Any, endpoint: int, size: int, timeout_ms: int) -> bytes:
         if error.errno == errno.ETIMEDOUT:
             return b""
         raise
+
+
+def await_ready(is_ready: Callable[[], bool], clock: Clock, place: str) -> None:
+    """Ask until a camera has carried out a command; raises `DeviceTimeoutError` after `PATIENCE_S`."""
+    for _ in time_left(clock, PATIENCE_S):
+        if is_ready():
+            return
+        clock.sleep(0.001)
+    raise DeviceTimeoutError("stays busy", place=place, fix="unplug it and plug it in again")
 
 
 def _identity(unit: Any) -> UsbIdentity:

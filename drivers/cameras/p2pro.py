@@ -34,11 +34,11 @@ from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extreme
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
-from fieldkit.drivers.usb import usb_errors, usb_instruments
+from fieldkit.drivers.usb import await_ready, usb_errors, usb_instruments
 from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
+from fieldkit.model.errors import DeviceAccessError, DeviceError
 from fieldkit.model.samples import Quality
 
 # --- commands, by pyusb beside the streaming kernel driver
@@ -63,7 +63,6 @@ READ_BACK = {
     "camera_air_k": 2,
     "camera_emissivity_counts": EMISSIVITY,
 }
-PATIENCE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +142,13 @@ class Commands:
 
     def _wait(self) -> None:
         """Until the camera is neither busy nor unready; its error code becomes a `DeviceError`."""
-        deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
-        while (status := self._read(STATUS, 1)[0]) & 3:
-            if status & 0xFC:
-                raise DeviceError(f"refuses the command: status {status:#04x}", place=self._place)
-            if self._clock.mono_ns() > deadline_ns:
-                raise DeviceTimeoutError(
-                    "stays busy", place=self._place, fix="unplug it and plug it in again"
-                )
-            self._clock.sleep(0.001)
+        await_ready(self._is_ready, self._clock, self._place)
+
+    def _is_ready(self) -> bool:
+        status = self._read(STATUS, 1)[0]
+        if status & 3 and status & 0xFC:
+            raise DeviceError(f"refuses the command: status {status:#04x}", place=self._place)
+        return not status & 3
 
 
 def connect(

@@ -22,9 +22,10 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, OpenedSource, cameras, open_source
+from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import candidates
-from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes
+from fieldkit.drivers.usb import await_ready, pick_usb, read_until, usb_errors, usb_nodes
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
@@ -43,7 +44,6 @@ READ_SUBJECT, SHUTTER_SUBJECT = 0x81, 0x43
 SERIAL_NUMBER, PART_NUMBER = 7, 6
 GAINS = {b"\0": "low", b"\1": "high"}
 BUSY, REPLYING, DONE = 1, 2, 3
-PATIENCE_S = 2.0
 
 
 class Marker(NamedTuple):
@@ -111,15 +111,14 @@ class Assembler:
         self.sequence += max(round(passed), 1)
 
 
-class BulkSource:
-    """A camera without a kernel driver as a `fieldkit.model.device.FrameSource`; libusb waits by itself."""
+class BulkSource(StreamSource):
+    """A camera without a kernel driver as a source of buffers; libusb waits by itself."""
 
     backend = "pyusb"
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, self.usb = pick_usb(settings, tuple(KINDS))
-        self.port: str = f"usb:{self.usb.path}"
-        self._clock = clock
+        super().__init__(f"usb:{self.usb.path}", clock)
         self.size: tuple[int, int] = KINDS[self.usb.vendor, self.usb.product]
         width, height = self.size
         self._assembler = Assembler(2 * (2 * height + 2) * width)
@@ -127,19 +126,15 @@ class BulkSource:
             self._unit.set_interface_altsetting(1, 1)
             self._unit.ctrl_transfer(0x40, 0xEE, 0, 1)
 
-    def read(self, timeout_s: float) -> Buffer | None:
+    def _receive(self, timeout_s: float) -> Buffer | None:
         """The next frame with its markers, stamped when it was complete."""
         for left_s in time_left(self._clock, timeout_s):
-            chunk = self._chunk(int(left_s * 1000.0))
+            with usb_errors(self.port):
+                chunk = read_until(self._unit, ENDPOINT, CHUNK, max(int(left_s * 1000.0), 1))
             frame = self._assembler.feed(chunk) if chunk else None
             if frame is not None:
                 return Buffer(frame, self._clock.mono_ns(), self._assembler.sequence)
         return None
-
-    def skip_until(self, mono_ns: int) -> None:
-        """Let frames go by until a monotonic time."""
-        while self._clock.mono_ns() < mono_ns:
-            self.read((mono_ns - self._clock.mono_ns()) / 1e9)
 
     def text(self, register: int) -> str:
         """A register of 64 characters."""
@@ -154,7 +149,7 @@ class BulkSource:
         """Close the shutter and calibrate."""
         with usb_errors(self.port):
             self._unit.ctrl_transfer(*SEND, 0, 0, command(SHUTTER, SHUTTER_SUBJECT))
-            self._wait()
+            await_ready(self._is_ready, self._clock, self.port)
 
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
@@ -165,21 +160,14 @@ class BulkSource:
     def _request(self, kind: bytes, register: int, length: int) -> bytes:
         with usb_errors(self.port):
             self._unit.ctrl_transfer(*SEND, 0, 0, command(kind, READ_SUBJECT, register, length))
-            self._wait()
+            await_ready(self._is_ready, self._clock, self.port)
             return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
 
-    def _wait(self) -> None:
-        deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
-        while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (REPLYING, DONE):
-            if status != BUSY:
-                raise DeviceError(f"refuses the command: status {status}", place=self.port)
-            if self._clock.mono_ns() > deadline_ns:
-                raise DeviceError("stays busy", place=self.port, fix="unplug it and plug it in again")
-            self._clock.sleep(0.001)
-
-    def _chunk(self, timeout_ms: int) -> bytes:
-        with usb_errors(self.port):
-            return read_until(self._unit, ENDPOINT, CHUNK, max(timeout_ms, 1))
+    def _is_ready(self) -> bool:
+        status = self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]
+        if status not in (BUSY, REPLYING, DONE):
+            raise DeviceError(f"refuses the command: status {status}", place=self.port)
+        return bool(status != BUSY)
 
 
 WANTED = CameraFormat(((0x3474, 0x4281),), "YUYV", ((256, 386),))

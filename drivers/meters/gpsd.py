@@ -9,24 +9,21 @@ from __future__ import annotations
 import json
 import math
 import socket
-from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.nmea import altitude, position
+from fieldkit.drivers.meters.nmea import altitude, position, receiver
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import NO_COUNTER
 
 LONGEST = 16_384
-LONGEST_KEPT = 2048  # a TPV with all of its fields has 1100 bytes
 PORT = 2947
 WATCH = b'?WATCH={"enable":true,"json":true,"pps":true};\n'
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"), ("clock error", "s"))
-UNIT = "degree degree m s"
 NOT_MEASURED = (5, 8)
 """Values of `status` that are no fix: dead reckoning, simulated."""
 
@@ -104,7 +101,4 @@ class Gpsd(RecordDriver):
         port = SocketPort(address_of(settings, PORT, "localhost"), clock, "gpsd", _ADVICE)
         port.write(WATCH)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        keys, units = zip(*CHANNELS, strict=True)
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, keys)
-        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=LONGEST_KEPT)
-        return meter.Meter(info, port, LAYOUT, clock, keys, units=units)
+        return receiver(settings, port, LAYOUT, clock, CHANNELS)

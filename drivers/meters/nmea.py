@@ -18,7 +18,7 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
-from fieldkit.drivers.framing import Line
+from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, utc_ns
@@ -26,9 +26,9 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
 
 LONGEST = 120  # the standard has 82, receivers send more
+LONGEST_KEPT = 2048  # a TPV of gpsd with all of its fields has 1100 bytes
 LINE = Line(9600)
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"))
-UNIT = "degree degree m"
 READ = ("RMC", "GGA", "ZDA")
 NOT_MEASURED = ("E", "M", "S", "N")
 QUALITY_NOT_MEASURED = (0, 6, 7, 8)
@@ -149,7 +149,15 @@ class Nmea(SerialDriver):
         """Open the port and wait for the first sentence."""
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        keys, units = zip(*CHANNELS, strict=True)
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, keys)
-        info = replace(info, device_time_unit="ns since 1970 UTC")
-        return meter.Meter(info, port, LAYOUT, clock, keys, units=units)
+        return receiver(settings, port, LAYOUT, clock, CHANNELS)
+
+
+def receiver(
+    settings: DeviceSettings, port: Port, layout: Layout, clock: Clock, channels: Sequence[tuple[str, str]]
+) -> meter.Meter:
+    """An opened receiver with these channels and their units."""
+    keys, units = zip(*channels, strict=True)
+    unit = " ".join(units).replace("°", "degree")
+    info = meter.describe(settings, port, layout, "position", unit, keys)
+    info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=min(layout.longest, LONGEST_KEPT))
+    return meter.Meter(info, port, layout, clock, keys, units=units)

@@ -41,19 +41,11 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
+from fieldkit.model import quantities
 from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError
-from fieldkit.model.quantities import (
-    OTHER_UNITS,
-    POWER,
-    Quantity,
-    meaning_of,
-    split_label,
-    unit_of,
-    unknown_meaning,
-)
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
@@ -320,8 +312,10 @@ def _value_and_rest(text: str, *, is_last: bool) -> tuple[str, str]:
         word, _, rest = (text, "", "") if is_last else text.partition(" ")
         return word, rest
     unit, rest = match[2] or "", text[match.end() :]
-    is_behind = not unit.isalpha() or not text[match.end(1)].isspace() or unit.lower() in OTHER_UNITS
-    if not (is_behind or unit_of(unit) or (is_last and not rest)):
+    is_behind = (
+        not unit.isalpha() or not text[match.end(1)].isspace() or unit.lower() in quantities.OTHER_UNITS
+    )
+    if not (is_behind or quantities.unit_of(unit) or (is_last and not rest)):
         unit, rest = "", text[match.end(1) :]
     if rest[:1].strip() or (not unit and rest.strip()[:1].isdigit()):  # 12:30, or 12 345
         return text, ""
@@ -361,17 +355,17 @@ def _distinct(values: Sequence[Value]) -> Iterator[Value]:
 
 def _unit(text: str) -> str:
     """A unit in fieldkit's spelling, if it is a known one."""
-    meaning = meaning_of(text)
+    meaning = quantities.meaning_of(text)
     return meaning.unit.shown if meaning else text
 
 
 def _is_unit(text: str) -> bool:
-    return meaning_of(text) is not None
+    return quantities.meaning_of(text) is not None
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:
     """A channel's name without a unit in brackets, and the unit that the name states, if any."""
-    bare, unit = split_label(name)
+    bare, unit = quantities.split_label(name)
     return bare if "(" in name or "[" in name else name, _unit(unit) if _is_unit(unit) else ""
 
 
@@ -426,7 +420,7 @@ class Text(SerialDriver):
         components = components_named(info.channels) or components_named(keys[: info.shape[0]])
         info = replace(
             info,
-            measures=components if unit == POWER.stored else (),
+            measures=components if unit == quantities.POWER.stored else (),
             device_time_unit="ms" if first.device_time != NO_COUNTER else "",
         )
         return meter.Meter(info, port, grammar.layout, clock, keys)
@@ -493,8 +487,8 @@ def sensor_of(lines: bytes) -> str:
     return name if decoded[name].values and 2 * decoded[name].refused < len(lines) else ""
 
 
-def _quantity(unit: str, channel: str) -> Quantity:
-    return (meaning_of(unit, channel) or unknown_meaning(unit)).quantity
+def _quantity(unit: str, channel: str) -> quantities.Quantity:
+    return (quantities.meaning_of(unit, channel) or quantities.unknown_meaning(unit)).quantity
 
 
 def _first_unit(record: Record) -> str:

@@ -22,12 +22,12 @@ from fieldkit.simulation.simulated_clock import SimulatedClock
 PORT = "simulated"
 """Port of a simulated instrument in the configuration."""
 
-CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType(
-    {"purethermal": SimulatedLepton, "tcam": SimulatedTCam, "y16": SimulatedY16}
-)
-METERS: Mapping[str, type[SimulatedMeter]] = MappingProxyType(
-    {"lutron": SimulatedLutron, "center-309": SimulatedCenter309}
-)
+CAMERAS: Mapping[str, type[SimulatedLepton]] = {
+    "purethermal": SimulatedLepton,
+    "tcam": SimulatedTCam,
+    "y16": SimulatedY16,
+}
+METERS: Mapping[str, type[SimulatedMeter]] = {"lutron": SimulatedLutron, "center-309": SimulatedCenter309}
 
 
 class SimulatedField:

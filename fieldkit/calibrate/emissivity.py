@@ -14,6 +14,7 @@ from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration import steady_pairs
 from fieldkit.calibration.calibration_record import instrument_of, validity
 from fieldkit.calibration.emissivity import Emissivity, Pairs
+from fieldkit.calibration.uncertainty import effective_freedom
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning
 from fieldkit.views.calibration_figure import emissivity_figure
@@ -105,8 +106,7 @@ def emissivity(
     with open_to_calibrate(session, settings, notify) as (opened, config):
         estimator, regions = config.estimator_settings(), opened.regions or config.regions
         streams = tuple(opened.streams.values())
-        inventory = measurement.Inventory(opened.path, streams, regions, estimator.probes)
-        setup = measurement.measurement_setup(inventory, options)
+        setup = measurement.measurement_setup(opened.path, streams, regions, estimator.probes, options)
         collector = measurement.ReadingCollector(setup)
         for entry in opened.samples():
             collector.add(entry)
@@ -153,7 +153,7 @@ def _details(found: Emissivity, pairs: Pairs, setup: measurement.MeasurementSetu
         "pairs": len(pairs),
         "chi_square": found.chi_square,
         "residual_k": found.residual_k,
-        "effective_degrees_of_freedom": found.effective_freedom,
+        "effective_degrees_of_freedom": effective_freedom(found.budget, found.freedom),
         "contact_c": _celsius(pairs.contact_k),
         "apparent_c": _celsius(pairs.apparent_k),
         "reflected_c": _celsius(pairs.reflected_k),

@@ -15,15 +15,9 @@ from typing import Any
 
 from fieldkit.calibrate import measurement
 from fieldkit.calibrate.guidance import APART_K, advice_on_probe, advice_on_result
+from fieldkit.calibration import steady_pairs
 from fieldkit.calibration.emissivity import MIN_SPAN_K
 from fieldkit.calibration.ranges import require_name
-from fieldkit.calibration.steady_pairs import (
-    STEADY_K_MIN,
-    Readings,
-    drift_k_min,
-    pairs_of,
-    steady_intervals,
-)
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.durations import as_seconds
@@ -144,8 +138,9 @@ def prepare_emissivity(
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, RecordOptions(name=sample, duration_s=duration_s), notify) as recording:
         probes = config.estimator_settings().probes
-        inventory = measurement.Inventory(config.path, recording.instruments.streams, config.regions, probes)
-        yield PreparedMeasurement(recording, measurement.measurement_setup(inventory, options))
+        streams = recording.instruments.streams
+        setup = measurement.measurement_setup(config.path, streams, config.regions, probes, options)
+        yield PreparedMeasurement(recording, setup)
 
 
 @dataclass
@@ -180,13 +175,13 @@ class SteadyView:
         except CalibrationError as error:
             self.on_minute(f"   {error.message}" + (f"; {error.fix}" if error.fix else ""))
             return
-        intervals, wanted = steady_intervals(readings), setup.options.temperatures
+        intervals, wanted = steady_pairs.steady_intervals(readings), setup.options.temperatures
         levels_k = apart(steady_k := [interval.contact_k for interval in intervals])
         count, span_k = len(levels_k), max(steady_k, default=0.0) - min(steady_k, default=0.0)
         progress = f"temperatures {count} of {wanted}, span {span_k:.0f} K"
         advice = list(advice_on_probe(readings, levels_k, self.config.estimator_settings()))
         with suppress(CalibrationError):  # as long as the intervals do not determine it
-            fit = setup.fit(pairs_of(intervals)[0])
+            fit = setup.fit(steady_pairs.pairs_of(intervals)[0])
             beds = [bed for bed in self.config.regions if bed != setup.tape]
             advice.append(advice_on_result(fit, minute, beds, self.config))
         lines = [line for line, _ in advice]
@@ -202,14 +197,14 @@ class SteadyView:
             self.stop()
 
 
-def _state(readings: Readings) -> str:
+def _state(readings: steady_pairs.Readings) -> str:
     recent = readings.contact_ns > int(readings.contact_ns[-1]) - RECENT_NS
-    drift = drift_k_min(readings.contact_ns[recent], readings.contact_k[recent])
+    drift = steady_pairs.drift_k_min(readings.contact_ns[recent], readings.contact_k[recent])
     probe, apparent, reflected = (
         "fitted" if kelvin == measurement.NOT_MEASURED_K else f"{kelvin - CELSIUS_ZERO_K:5.1f} °C"
         for kelvin in (readings.contact_k[-1], readings.apparent_k[-1], readings.reflected_k[-1])
     )
-    state = "steady" if abs(drift) < STEADY_K_MIN else "wait"
+    state = "steady" if abs(drift) < steady_pairs.STEADY_K_MIN else "wait"
     return f"probe {probe}  {drift:+.2f} K/min {state:6}   apparent {apparent}   reflected {reflected}"
 
 

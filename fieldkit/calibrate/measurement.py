@@ -6,7 +6,7 @@ Used alike for a recorded session and for instruments that are being read.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -205,42 +205,19 @@ class MeasurementSetup:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Inventory:
-    """Choices of a measurement: streams and regions of a session or of a campaign at `path`.
+def measurement_setup(
+    where: Path,
+    streams: Sequence[StreamInfo],
+    regions: Sequence[Region],
+    probes: Mapping[str, Sequence[str]],
+    options: MeasurementOptions,
+) -> MeasurementSetup:
+    """Choose the streams and regions of a measurement from those of a session or campaign at `where`.
 
-    `probes` are those configured in regions, as ``stream:channel``.
+    `probes` are those configured in regions, as ``stream:channel``. Raises `ConfigError` if a choice is
+    unclear.
     """
-
-    path: Path
-    streams: Sequence[StreamInfo]
-    regions: Sequence[Region]
-    probes: Mapping[str, Sequence[str]] = field(default_factory=dict)
-
-    def probe_in(self, region: str, streams: Sequence[StreamInfo]) -> tuple[StreamInfo, int] | None:
-        """The first probe in a region that is of these streams; None if there is none."""
-        for probe in self.probes.get(region, ()):
-            name, _, text = probe.partition(":")
-            for info in streams:
-                if info.name == name and (channel := info.channel(text)) is not None:
-                    return info, channel
-        return None
-
-    def other_region_of(self, info: StreamInfo, channel: int, region: str) -> str:
-        """Another region than this one in which that probe is; empty if there is none."""
-        for name, probes in self.probes.items():
-            if name != region and any(
-                stream == info.name and info.channel(text) == channel
-                for stream, _, text in (probe.partition(":") for probe in probes)
-            ):
-                return name
-        return ""
-
-
-def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> MeasurementSetup:
-    """Choose the streams and regions of a measurement; raises `ConfigError` if a choice is unclear."""
-    where, regions = inventory.path, inventory.regions
-    camera = find_camera(inventory.streams)
+    camera = find_camera(streams)
     if camera is None:
         raise ConfigError("no camera", place=where, fix="name a session with frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
@@ -256,7 +233,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
         _applied_emissivity(camera, options.camera_emissivity),
     )
     _require_different_regions(setup)
-    return setup if setup.tape is not None else _with_thermometer(setup, inventory)
+    return setup if setup.tape is not None else _with_thermometer(setup, where, streams, probes)
 
 
 def _require_different_regions(setup: MeasurementSetup) -> None:
@@ -271,29 +248,45 @@ def _require_different_regions(setup: MeasurementSetup) -> None:
             )
 
 
-def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> MeasurementSetup:
-    options = setup.options
-    thermometers = [info for info in inventory.streams if info.quantity == "temperature"]
+def _with_thermometer(
+    setup: MeasurementSetup,
+    where: Path,
+    streams: Sequence[StreamInfo],
+    probes: Mapping[str, Sequence[str]],
+) -> MeasurementSetup:
+    options, region = setup.options, setup.sample.name
+    thermometers = [info for info in streams if info.quantity == "temperature"]
     chosen = [info for info in thermometers if options.thermometer in (None, info.name)]
-    own = inventory.probe_in(setup.sample.name, chosen) if options.channel is None else None
-    if own is not None:
-        return replace(setup, thermometer=own[0], channel=own[1])
+    placed = list(_placed(probes, chosen))
+    if options.channel is None:
+        for name, info, channel in placed:
+            if name == region:
+                return replace(setup, thermometer=info, channel=channel)
     if len(chosen) != 1:
         have = ", ".join(info.name for info in thermometers) or "none"
-        raise ConfigError(
-            "which thermometer?", place=inventory.path, fix=Argument("thermometer") + f": {have}"
-        )
+        raise ConfigError("which thermometer?", place=where, fix=Argument("thermometer") + f": {have}")
     (info,) = chosen
     channel = _channel(info, options.channel)
-    elsewhere = inventory.other_region_of(info, channel, setup.sample.name)
+    elsewhere = next((name for name, _, number in placed if name != region and number == channel), "")
     if elsewhere and options.channel is None:
-        first, region = f"{info.name}:{info.channel_names[channel]}", setup.sample.name
+        first = f"{info.name}:{info.channel_names[channel]}"
         raise ConfigError(
             f"no probe is in it; {first} is in {elsewhere}",
             place=region,
             fix=f"give the one in {region} as " + Argument("channel") + ", or that region its probes",
         )
     return replace(setup, thermometer=info, channel=channel, probe_is_in=elsewhere)
+
+
+def _placed(
+    probes: Mapping[str, Sequence[str]], streams: Sequence[StreamInfo]
+) -> Iterator[tuple[str, StreamInfo, int]]:
+    """Region, stream and channel of each configured probe of these streams."""
+    for region, texts in probes.items():
+        for stream, _, text in (text.partition(":") for text in texts):
+            for info in streams:
+                if info.name == stream and (channel := info.channel(text)) is not None:
+                    yield region, info, channel
 
 
 def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:

@@ -148,7 +148,7 @@ class DeviceReader:
             self.ready.set()
             try:
                 while self._is_active():
-                    self._handling_loss(self._read)
+                    self._read_or_reconnect()
             except BaseException as error:  # becomes an event, so that the other devices continue
                 self._report(
                     EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
@@ -171,9 +171,9 @@ class DeviceReader:
     def _is_active(self) -> bool:
         return self._end_ns is None or self._clock.mono_ns() < self._end_ns
 
-    def _handling_loss(self, work: Callable[[], None]) -> None:
+    def _read_or_reconnect(self) -> None:
         try:
-            work()
+            self._read()
         except DeviceError as error:
             self._reconnect(error.message)
         except BaseException as error:  # a driver's mistake, or its SystemExit, costs a moment

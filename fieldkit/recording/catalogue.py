@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
@@ -35,12 +34,10 @@ Row = dict[str, Any]
 _OF_SESSION = ("start", "title", "fieldkit_version", "settings", "length_s", "bytes")
 _OF_REGION = ("region", "state", "tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg", "true_tilt_deg")
 _NUMBERS = {"length_s", "bytes", *_OF_REGION[2:]}
-COLUMNS: Mapping[str, type] = MappingProxyType(
-    {
-        name: float if name in _NUMBERS else str
-        for name in ("session", "session_state", *_OF_SESSION, *_OF_REGION)
-    }
-)
+COLUMNS: Mapping[str, type] = {
+    name: float if name in _NUMBERS else str
+    for name in ("session", "session_state", *_OF_SESSION, *_OF_REGION)
+}
 """Columns of a catalogue and their kinds. `settings` is a digest of those that an estimate depends on,
 `state` that of the slope."""
 _DATE = re.compile(r"\d{4}(-\d\d(-\d\d(T\d\d(:\d\d){0,2})?)?)?")

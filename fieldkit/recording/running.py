@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,20 +118,7 @@ def previewing(recordings: Path) -> Iterator[Callable[[], bool]]:
     """
     _refuse_second(recordings)
     with _lock_in(recordings, PREVIEW_LOCK_NAME):
-        yield _RecorderWaits(recordings)
-
-
-class _RecorderWaits:
-    """Whether a recorder is present; it is looked for ten times a second, however often one asks."""
-
-    def __init__(self, recordings: Path) -> None:
-        self._recordings, self._next_s, self._found = recordings, 0.0, False
-
-    def __call__(self) -> bool:
-        if not self._found and time.monotonic() >= self._next_s:
-            self._next_s = time.monotonic() + LOOK_EVERY_S
-            self._found = is_recorder_present(self._recordings)
-        return self._found
+        yield partial(is_recorder_present, recordings)
 
 
 def _refuse_second(recordings: Path, otherwise: str = "") -> None:

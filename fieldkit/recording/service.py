@@ -202,7 +202,7 @@ log: logging.Logger = logging.getLogger(__name__)
 
 def unit_of(config: Config, *, system: bool = False, record: bool = False, page: Sequence[str] = ()) -> Unit:
     """The unit that would be installed for a campaign; a system service runs as the folder's owner."""
-    groups = [name for name in GROUPS if _is_group(name)] if system else []
+    groups = [group.gr_name for group in _groups()] if system else []
     owner = _user_name(config.directory.stat().st_uid) if system else None
     return Unit(config.directory, owner, groups, record, page)
 
@@ -329,8 +329,7 @@ def _warnings(unit: Unit) -> Iterator[str]:
 def _user_warnings() -> Iterator[str]:
     """Obstacles that keep a user's service from its instruments, or from starting at boot."""
     user = _user_name(os.geteuid())
-    missing = [name for name in GROUPS if _is_group(name) and grp.getgrnam(name).gr_gid not in os.getgroups()]
-    if missing:
+    if missing := [group.gr_name for group in _groups() if group.gr_gid not in os.getgroups()]:
         joined = f"sudo usermod --append --groups {','.join(missing)} {user}"
         yield f"without a login this user may not use the instruments: {joined}"
     if not _lingers():
@@ -350,12 +349,10 @@ def _user_name(uid: int) -> str:
         return str(uid)
 
 
-def _is_group(name: str) -> bool:
-    try:
-        grp.getgrnam(name)
-    except KeyError:
-        return False
-    return True
+def _groups() -> list[grp.struct_group]:
+    """Those of `GROUPS` that this computer has, in their order."""
+    present = {group.gr_name: group for group in grp.getgrall()}
+    return [present[name] for name in GROUPS if name in present]
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from fieldkit.drivers.simulated.lepton import frame_shape
 from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.camera_geometry import horizon_of_ground
@@ -243,15 +243,13 @@ def measured_weather(config: Config, weather: str) -> Weather:
     measured = read_station_file(path)
     for note in measured.notes:
         log_warning(note)
-    if _degrees_apart(measured.site, config.site) > NEAR_DEG:
-        there = f"{measured.site.latitude_deg:g}, {measured.site.longitude_deg:g}"
+    station, site = measured.site, config.site
+    apart = abs(station.latitude_deg - site.latitude_deg) + abs(station.longitude_deg - site.longitude_deg)
+    if apart > NEAR_DEG:
+        there = f"{station.latitude_deg:g}, {station.longitude_deg:g}"
         raise ConfigError(
             f"{path} was measured at {there}, not at the configured site",
             place="weather",
             fix="give [site] the station's latitude_deg and longitude_deg: the sky is that of the station",
         )
     return measured
-
-
-def _degrees_apart(one: Site, other: Site) -> float:
-    return abs(one.latitude_deg - other.latitude_deg) + abs(one.longitude_deg - other.longitude_deg)

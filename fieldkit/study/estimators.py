@@ -194,7 +194,7 @@ def _by_posterior(
     means = np.full_like(start, np.nan)
     for row in np.flatnonzero(lit.sum(axis=1) >= 3):
         used = lit[row]
-        means[row] = posterior(sun[used], y[row, used], 1.0 / sigma[used] ** 2, limit_deg).mean
+        means[row] = posterior(sun[used], y[row, used], 1.0 / sigma[used] ** 2, limit_deg)
     return means
 
 

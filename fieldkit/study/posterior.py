@@ -6,8 +6,6 @@ American Statistical Association 84, 1989.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from fieldkit.estimation.likelihood import Patches, patches
@@ -24,17 +22,8 @@ LEAST_TILT_DEG = 0.25
 """The prior is cut off here, where all azimuths meet."""
 
 
-@dataclass(frozen=True, slots=True)
-class Posterior:
-    """Mean normal (3,), robust weights of the rows (n,), and each branch's share of the probability."""
-
-    mean: FloatArray
-    weights: FloatArray
-    shares: tuple[float, float]
-
-
-def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
-    """Posterior mean of a slope where some minute bins are outliers: Student-t residuals.
+def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> FloatArray:
+    """Posterior mean (3,) of a slope where some minute bins are outliers: Student-t residuals.
 
     `design` (n, 3) and the measured cosines `y` (n,) are finite, the inverse variances `weights` (n,)
     positive. The prior is uniform in tilt and azimuth up to the tilt limit: gentle slopes are more common
@@ -60,12 +49,8 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
     # patches of two branches may overlap: each counts on its own side of the fold only
     sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
     moments = [_moments(around, branch, floor, tilt_limit_deg, side) for branch, side in enumerate(sides)]
-    masses = [mass for mass, _ in moments]
-    total = sum(masses)
-    if total == 0.0:
-        return Posterior(branches.first, robust, (1.0, 0.0))
-    shares = [mass / total for mass in masses] + [0.0]
-    return Posterior(moments[int(np.argmax(masses))][1], robust, (shares[0], shares[1]))
+    mass, mean = max(moments, key=lambda moment: moment[0])
+    return mean if mass > 0.0 else branches.first
 
 
 def _reweight(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:

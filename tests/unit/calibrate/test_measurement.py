@@ -10,7 +10,6 @@ import pytest
 
 from fieldkit.calibrate.measurement import (
     NOT_MEASURED_K,
-    Inventory,
     MeasurementOptions,
     MeasurementSetup,
     ReadingCollector,
@@ -44,7 +43,7 @@ GRAIN = np.arange(12) - 5.5
 
 def made(*streams: StreamInfo, probes: dict[str, list[str]] | None = None, **given: Any) -> MeasurementSetup:
     options = MeasurementOptions(**{"foil_emissivity": 0.0, **given})
-    return measurement_setup(Inventory(WHERE, streams or (CAMERA, PROBES), REGIONS, probes or {}), options)
+    return measurement_setup(WHERE, streams or (CAMERA, PROBES), REGIONS, probes or {}, options)
 
 
 def frame(second: int, quality: Quality = Quality.GOOD, **kelvin: float) -> Frame:

@@ -15,6 +15,7 @@ from fieldkit.calibration.emissivity import (
     mirrored_temperature_k,
 )
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
+from fieldkit.calibration.uncertainty import effective_freedom
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
@@ -159,7 +160,8 @@ def test_pairs_that_disagree_are_refused():
 
 def test_more_scatter_leaves_more_effective_degrees_of_freedom_to_the_fit():
     quiet, loud = (fit_emissivity(pairs(noise_k=noise)) for noise in (0.05, 1.5))
-    assert loud.effective_freedom < 30 < quiet.effective_freedom
+    freedom = [effective_freedom(fit.budget, fit.freedom) for fit in (loud, quiet)]
+    assert freedom[0] < 30 < freedom[1]
     assert DEFAULT_SHARED_UNCERTAINTIES.probe_to_skin_k == quiet.largest.uncertainty
 
 

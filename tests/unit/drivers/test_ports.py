@@ -262,7 +262,7 @@ class SysFs:
 
 @pytest.fixture
 def sysfs(tmp_path, monkeypatch):
-    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")  # only the kernel writes its own
+    monkeypatch.setattr(identity, "SYSFS", tmp_path / "sys")  # only the kernel writes its own
     return SysFs(tmp_path / "sys")
 
 

@@ -16,8 +16,7 @@ def sun(minutes: int) -> np.ndarray:
 def test_noiseless_minutes_give_the_slope():
     rays, truth = sun(61), normal(12.4, 61.0)
     estimate = posterior(rays, rays @ truth, np.full(61, 4e4), 45.0)
-    assert angle_between_deg(estimate.mean, truth) < 0.3
-    assert estimate.weights == pytest.approx(4e4 * 9 / 8)
+    assert angle_between_deg(estimate, truth) < 0.3
 
 
 def test_wild_minutes_are_hardly_heard():
@@ -29,18 +28,15 @@ def test_wild_minutes_are_hardly_heard():
     estimate = posterior(rays, y, np.full(61, 4e4), 45.0)
     misfit = Misfit.of_rows(rays, y, 4e4)
     plain = choose(misfit, solve(misfit), 45.0).best
-    assert angle_between_deg(estimate.mean, truth) < 2.0
-    assert angle_between_deg(estimate.mean, truth) < angle_between_deg(plain, truth)
-    assert estimate.weights[wild].max() < 0.3 * 4e4
+    assert angle_between_deg(estimate, truth) < 2.0
+    assert angle_between_deg(estimate, truth) < angle_between_deg(plain, truth)
 
 
-def test_both_branches_have_their_share():
+def test_of_two_branches_the_flatter_is_preferred():
     rays, truth = sun(21), normal(20.0, 180.0)
     estimate = posterior(rays, rays @ truth, np.full(21, 3e4), 45.0)
-    assert sum(estimate.shares) == pytest.approx(1.0)
-    assert min(estimate.shares) > 0.05
     # the prior, uniform in tilt, prefers the flatter one
-    assert tilt_azimuth(estimate.mean)[0] < 27.0
+    assert tilt_azimuth(estimate)[0] < 27.0
 
 
 @pytest.mark.slow
@@ -52,7 +48,7 @@ def test_outliers_cost_at_most_a_third_of_the_accuracy():
     wild = random.random(clean.shape) < 0.15
     size = random.choice([-1, 1], clean.shape) * random.uniform(1.0, 2.0, clean.shape) * 31.0 / 800.0
     errors = [
-        [angle_between_deg(posterior(rays, row, np.full(21, sigma**-2), 30.0).mean, t) for row, t in pairs]
+        [angle_between_deg(posterior(rays, row, np.full(21, sigma**-2), 30.0), t) for row, t in pairs]
         for pairs in (zip(clean, truths, strict=True), zip(clean + wild * size, truths, strict=True))
     ]
     assert np.percentile(errors[1], 90) <= 1.3 * np.percentile(errors[0], 90)

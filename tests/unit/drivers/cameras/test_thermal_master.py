@@ -238,7 +238,7 @@ def test_refused_command_says_so_at_once(camera):
 
 
 def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
-    monkeypatch.setattr("fieldkit.drivers.cameras.thermal_master.PATIENCE_S", 0.01)  # a shorter wait
+    monkeypatch.setattr("fieldkit.drivers.usb.PATIENCE_S", 0.01)  # a shorter wait
     source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
     camera.busy_for = 10**9
     with pytest.raises(DeviceError, match="stays busy"):
