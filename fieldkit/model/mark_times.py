@@ -73,8 +73,9 @@ def reject_outside(mark: Mark, start_ns: int, now: datetime) -> None:
 
 def moment_of(when: When, now: datetime) -> datetime:
     """The time of a mark, in the zone of `now`."""
-    moment = datetime.fromisoformat(when) if isinstance(when, str) else now + timedelta(seconds=when)
-    return moment.astimezone(now.tzinfo)
+    if isinstance(when, str):
+        return datetime.fromisoformat(when).astimezone(now.tzinfo)
+    return datetime.fromtimestamp(now.timestamp() + when, now.tzinfo)  # also where the clocks change before
 
 
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:

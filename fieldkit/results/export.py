@@ -15,7 +15,7 @@ from typing import Any, overload
 from fieldkit.config import find_campaign
 from fieldkit.config.edit import editing, set_key
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError, os_errors_as
-from fieldkit.model.mark_times import parse_when
+from fieldkit.model.mark_times import moment_of, parse_when
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
 from fieldkit.model.text_file import parse_toml, read_text
@@ -184,16 +184,9 @@ def _between_ns(session: SessionReader, begin: str | None, until: str | None) ->
 
 def _moment(text: str, first: datetime, last: datetime) -> datetime:
     """The moment of a time as people write it; 12:31 is that of the session, or the one nearest to it."""
-    same_day, next_day = (_from_end(text, end) for end in (last, last + timedelta(days=1)))
+    same_day, next_day = (moment_of(parse_when(text, end), end) for end in (last, last + timedelta(days=1)))
     is_clock_time = ":" in text[:3]
     return next_day if is_clock_time and first - same_day > next_day - last else same_day
-
-
-def _from_end(text: str, end: datetime) -> datetime:
-    when = parse_when(text, end)
-    if isinstance(when, str):
-        return datetime.fromisoformat(when)
-    return datetime.fromtimestamp(end.timestamp() + when, end.tzinfo)  # also where the clocks change before
 
 
 def _write(

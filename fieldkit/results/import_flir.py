@@ -107,8 +107,6 @@ def _scan(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, s
         try:
             frame, file = _scanned_file(path, first)
         except DecodeError as error:
-            if not source.is_dir():
-                raise ConfigError(error.message, place=path, fix=error.fix or _COPY) from error
             fix = fix if others else error.fix or _COPY
             others.append(f"{path.name} ({error.message})")
         else:
