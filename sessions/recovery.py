@@ -257,7 +257,7 @@ def _recovery_events(
         text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
         data, error = asdict(run), Severity.ERROR
         yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
-    count = sum(stats.kept for stats in salvage.statistics.values())
+    count = sum(len(stats.crc32s) for stats in salvage.statistics.values())
     doubt = f"; the end is not known: {salvage.doubt}" if salvage.doubt else ""
     text = f"session recovered: {count} samples, {sum(run.count for run in salvage.lost)} lost{doubt}"
     severity = Severity.ERROR if salvage.lost or doubt else Severity.WARNING

@@ -251,10 +251,9 @@ class LostRange:
 
 @dataclass
 class RecoveryStatistics:
-    """Outcome of one stream: samples kept, of those only on one side, checksums, runs lost."""
+    """Outcome of one stream: samples that only one side had, checksums of those kept, runs lost."""
 
     stream: str
-    kept: int = 0
     from_journal: int = 0
     from_file: int = 0
     lost: list[LostRange] = field(default_factory=list)
@@ -265,7 +264,6 @@ class RecoveryStatistics:
     def keep(self, seq: int, time_ns: int, crc32: int) -> None:
         """Count a sample; numbers between it and the one before are lost."""
         self.lose(seq, time_ns)
-        self.kept += 1
         self.crc32s.append(crc32)
         self.last_ns, self.next_seq = time_ns, seq + 1
 

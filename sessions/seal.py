@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +16,6 @@ from fieldkit.disk import sync
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.guarded_file import write_in_place
-from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stream_reader import StreamReader
 
@@ -45,12 +44,6 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
     write_in_place(path, {"entry/complete": state})  # last, one byte: the session is complete or it is not
     sync(path.parent)
     return SealReport(path, counts, path.stat().st_size)
-
-
-def journal_crc32s(journal: JournalReader) -> dict[str, Iterator[int]]:
-    """The checksums of every journalled sample, per stream."""
-    streams = journal.identity.header.streams
-    return {info.name: journal.crc32s(number) for number, info in enumerate(streams)}
 
 
 def remove_journal(folder: Path) -> None:

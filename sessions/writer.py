@@ -37,7 +37,7 @@ from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, check_
 from fieldkit.sessions.lock import SessionLock, journal_path
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
-from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
+from fieldkit.sessions.seal import remove_journal, seal
 from fieldkit.sessions.session_file import FileThread
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -218,7 +218,8 @@ class SessionWriter:
             raise errors.IntegrityError("its journal was deleted while it was recorded", place=self.path)
         with JournalReader(self._folder) as journal:
             if complete:
-                return seal(self.path, journal_crc32s(journal), SEALED)
+                crc32s = {name: journal.crc32s(number) for number, name in enumerate(self._streams)}
+                return seal(self.path, crc32s, SEALED)
         from fieldkit.sessions.recovery import rebuild  # takes half a second, and is hardly ever needed
 
         return rebuild(self.path, SEALED)[0]
