@@ -33,7 +33,7 @@ from fieldkit.sessions.formats.frame_tables import is_frame_table
 from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
 from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.logs import read_log
-from fieldkit.sessions.formats.merged import Alignment, align, cut_session, merge
+from fieldkit.sessions.formats.merged import SAME_PLACE_M, Alignment, align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.formats.tables import LogOptions
@@ -50,8 +50,6 @@ _NO_SITE = MissingOptionsError(
     "where this was recorded is not known, and slopes need it",
     fix="give its " + Argument("site") + ", or run this inside a campaign",
 )
-NEAR_M = 2000.0
-"""A station nearer than this has the session's clouds."""
 
 
 @checked
@@ -315,7 +313,7 @@ def _with_site(
     recording: ImportedRecording, site: Site | None, config: Config | None
 ) -> tuple[Site, ImportedRecording]:
     """Site of the recording, and the recording with a warning if only the campaign states that."""
-    if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
+    if site is not None and recording.site is not None and apart_m(site, recording.site) >= SAME_PLACE_M:
         problem = f"{_coordinates(site)}, but the recording states {_coordinates(recording.site)}"
         raise ConfigError(problem, place=Argument("site"), fix="omit that option")
     if place := site or recording.site:
@@ -337,7 +335,7 @@ def _coordinates(site: Site) -> str:
 def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRecording:
     """The recording, with a warning if it was made at another place than the session."""
     away_m = apart_m(recording.site, site) if recording.site else 0.0
-    if away_m < NEAR_M:
+    if away_m < SAME_PLACE_M:
         return recording
     text = f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
     return recording.noted(text)
