@@ -52,7 +52,7 @@ def _filled(key: str, data: Mapping[str, Any], language: str) -> str:
 def in_language(text: Any, language: str) -> Any:
     """A text, or a list of them as one, in a language; what has no key stays as it is."""
     if isinstance(text, list):
-        return "; ".join(in_language(part, language) for part in text)
+        return phrases(language)["language.between"].join(in_language(part, language) for part in text)
     return _filled(text.key, text.data, language) if isinstance(text, Words) else text
 
 

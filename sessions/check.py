@@ -48,7 +48,7 @@ def check(path: str | Path) -> list[Finding]:
     try:
         session = open_session(path)
     except SessionError as error:
-        return [_fail("file", error.message, error.fix or "")]
+        return [_fail("file", error.statement, error.fix or "")]
     with session:
         findings: list[Finding] = []
         for check_part in (

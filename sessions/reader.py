@@ -35,6 +35,7 @@ from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.phrases import Words
 from fieldkit.sessions import entry_rows, layout, stored
 from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
@@ -48,7 +49,7 @@ from fieldkit.sessions.time_map import StoredTimes, TimeStep, corrections, mappe
 def check_format(path: Path, file: h5py.File) -> None:
     """Raise `SessionError` where the file is not a session, `FormatError` for one of another version."""
     if attribute(file, "fieldkit_format") != layout.FORMAT_NAME:
-        raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
+        raise SessionError(Words("error.not_session"), place=path, fix=CHECK_PATH)
     layout.check_version(path, str(attribute(file, "fieldkit_format_version")))
 
 

@@ -17,6 +17,7 @@ from typing import Protocol
 
 from fieldkit.model.errors import SessionError, os_errors_as
 from fieldkit.model.next_step import Action
+from fieldkit.phrases import Words
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
@@ -66,9 +67,9 @@ def _superblock(path: Path, file: BinaryFile) -> bytes:
         file.seek(0)
         head = file.read(SIZE)
     if len(head) < SIZE or not head.startswith(SIGNATURE):
-        raise SessionError("not an HDF5 file", place=path, fix=CHECK_PATH)
+        raise SessionError(Words("error.not_hdf5"), place=path, fix=CHECK_PATH)
     if head[_VERSION] != 3:
-        raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
+        raise SessionError(Words("error.not_session"), place=path, fix=CHECK_PATH)
     return head
 
 

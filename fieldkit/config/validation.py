@@ -135,7 +135,7 @@ def _message(detail: ErrorDetails, path: KeyPath) -> str:
     if detail["type"] in UNKNOWN_KEY:
         return _unknown_key_message(path)
     if path[::2] == ("region", "name"):
-        return Words("error.region_name", name=repr(detail["input"]))
+        return Words("error.region_name")
     if detail["type"] == "missing":
         return f"missing; expected {describe_value(node_at(path))}"
     return _unlike(path, detail["input"])

@@ -83,16 +83,15 @@ class FieldkitError(Exception):
 
     @cached_property
     def words(self) -> str:
-        """What happened where and what to do next, by the catalogue: without options, keys and commands.
-
-        A problem without a key is the value of a text for its class.
-        """
-        texts = [cause._words() for cause in self.causes or (self,)]
+        """What happened where and what to do next, by the catalogue: without options, keys and commands."""
+        texts = [cause.statement for cause in self.causes or (self,)]
         text = texts[0] if len(texts) == 1 else Words("text.all", texts=texts)
         step = next_step(self.fix)
         return Words("text.next", text=text, step=step) if step else text
 
-    def _words(self) -> str:
+    @property
+    def statement(self) -> str:
+        """What happened where, by the catalogue; a problem without a key is the value of its class's text."""
         problem = in_words(self.problem)
         if not isinstance(problem, Words):
             keys = (f"error.{kind.__name__}" for kind in type(self).__mro__)

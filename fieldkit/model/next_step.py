@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 from fieldkit.phrases import Words
 
@@ -125,10 +125,14 @@ def without_keys(text: str) -> str:
 
 def next_step(fix: Text | None) -> str:
     """A fix by the catalogue, for readers without commands: empty if only a command would do."""
-    words = [in_words(part) for part in _parts(fix or "") if isinstance(part, Words | Step)]
-    if words:
+    parts = (Words("fix.value", value=part.value) if _is_value(part) else part for part in _parts(fix or ""))
+    if words := [in_words(part) for part in parts if isinstance(part, Words | Step)]:
         return Words("text.all", texts=words)
     return Words("text.original", text=fix) if isinstance(fix, str) and not _COMMANDS.search(fix) else ""
+
+
+def _is_value(part: Text) -> TypeGuard[Argument]:
+    return isinstance(part, Argument) and isinstance(part.value, str)
 
 
 def _parts(text: Text) -> tuple[Text, ...]:

@@ -42,7 +42,7 @@ function issueText({ what, text, happened }) {
   return what ? `${what}: ${text}` : text;
 }
 
-const issuesText = (issues) => issues.map(issueText).join("; ");
+const issuesText = (issues) => issues.map(issueText).join(phrase("language.between"));
 
 /** What a request did, or why not and what to do next. */
 const answerText = ({ event, data, text }) => (event ? eventText(event) : [text, issuesText(data?.issues ?? [])].filter(Boolean).join(" "));
