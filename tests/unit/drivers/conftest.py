@@ -108,6 +108,12 @@ def impatient(monkeypatch):
 
 
 @pytest.fixture
+def soon(monkeypatch):
+    """What is no record is an error after a second."""
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.FIRST_RECORD_S", 1.0)
+
+
+@pytest.fixture
 def usb_bus(monkeypatch):
     """Plugs instruments of `tests.harness.usb_bus` into this computer."""
 

@@ -12,7 +12,8 @@ from fieldkit.drivers.meters.ut325 import HidBridge
 from fieldkit.drivers.ports import SerialPort
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, DeviceTimeoutError
+from tests.harness.next_steps import at
 from tests.unit.drivers.meters.test_ut325 import Ch9325
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -91,6 +92,17 @@ def test_interrupted_bridge_is_released(usb_bus, monkeypatch):
     usb_bus(Ch9325())
     left_open("ut325")
     assert released
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("lutron", "DTR"), ("center-309", ""), ("konica-minolta", "7E1"), ("text", "every_s"), ("pce-174", "")],
+)
+def test_a_silent_meter_is_a_timeout_with_what_to_do(name, advice, wire):
+    with pytest.raises(DeviceTimeoutError, check=at("mine")) as caught:
+        registry.open_device(DeviceSettings("mine", name, port=wire.path, every_s=0.05), HostClock())
+    assert advice in str(caught.value.fix)
 
 
 def test_wrong_option_lets_go_of_a_port_that_works(wire):

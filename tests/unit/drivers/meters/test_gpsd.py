@@ -9,7 +9,7 @@ from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.model.samples import NO_COUNTER, Quality
+from fieldkit.model.samples import NO_COUNTER
 from tests.harness.next_steps import at
 
 
@@ -79,11 +79,6 @@ def test_no_gpsd_says_how_to_start_it():
         Gpsd().open(DeviceSettings("gps", "gpsd", port="127.0.0.1:1"), HostClock())
 
 
-def test_position_without_a_fix_is_no_value():
-    record = parse(line("TPV", mode=1, lat=1.0))
-    assert {value.quality for value in record.values} == {Quality.NO_VALUE}
-
-
 @pytest.mark.parametrize(
     "time", ["2016-12-31T23:59:60.000Z", "9999-12-31T23:59:59Z", "2026-11-21T02:15:30", 1479695730.0, None]
 )
@@ -107,15 +102,3 @@ def test_what_is_no_report_is_rejected(text, reason):
     rejected = parse(text)
     assert isinstance(rejected, Rejected)
     assert reason in rejected.reason
-
-
-@pytest.mark.parametrize(("status", "is_fix"), [(1, True), (2, True), (5, False), (8, False)])
-def test_a_position_that_is_reckoned_or_simulated_is_no_value(status, is_fix):
-    """gpsd_json(5): status 1 normal, 2 DGPS, 5 DR, 8 simulated."""
-    record = parse(line("TPV", mode=3, status=status, lat=46.5, lon=7.5, altMSL=600))
-    assert [value.quality == Quality.GOOD for value in record.values] == [is_fix] * 3
-
-
-def test_a_height_beyond_numbers_is_none():
-    record = parse(b'{"class":"TPV","mode":3,"lat":46.5,"lon":7.5,"altMSL":1e999}\n')
-    assert str(record.values[2].value) == "nan"

@@ -21,9 +21,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality
 
 SMP = bytes.fromhex("01 04 10 00 01 00 00 00 00 03 E5 03 E5 00 00 00 F8 00 EA 66 12")
-VOID = bytes.fromhex("01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8")
 RTD = bytes.fromhex("01 03 10 00 FA 00 FD FF CC 03 ED 00 00 00 01 00 F9 7F FF B5 3A")
-OPTIONS = {"map": "kipp-smp"}
 
 
 def settings(wire, **options):
@@ -116,14 +114,6 @@ def test_reply_of_another_instrument_or_function_on_the_line_is_not_ours(wire, h
     assert "unit 1, function 4" in device.rejected_because
 
 
-@pytest.mark.parametrize("scale", ["7F FF", "00 0A", "80 00"])
-def test_a_scale_register_without_a_scale_leaves_no_value(scale):
-    reply = sealed(f"01 04 10 00 01 00 00 {scale} 03 E5 03 E5 00 00 00 F8 00 EA")
-    irradiance = Modbus().decode(reply, OPTIONS).values[0]
-    assert math.isnan(irradiance.value)
-    assert Quality.NO_VALUE in irradiance.quality
-
-
 @pytest.mark.parametrize(
     ("kind", "no_value", "registers", "is_open"),
     [
@@ -184,12 +174,6 @@ def test_values_that_no_map_can_have_are_named_when_it_is_read(tmp_path, old, ne
     assert str(mine) in str(caught.value)
 
 
-def test_void_data_are_stale(wire):
-    device = pyranometer(wire, VOID)
-    reading = device.read(1.0)
-    assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
-
-
 def test_adapter_that_echoes_the_question_is_understood(wire):
     request = pack_request(1, 3, 0, 8)
     wire.reply({request: request + RTD})
@@ -220,13 +204,6 @@ def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
     mine.write_text(text + f"words_low_first = {str(low_first).lower()}\n")
     (value,) = load_map(str(mine)).values(registers)
     assert value.value == pytest.approx(843.7)
-
-
-@pytest.mark.parametrize("number", ["7F 80 00 00", "FF 80 00 00", "7F C0 00 00"])
-def test_what_is_no_number_is_no_value(number):
-    (value,) = Modbus().decode(sealed("01 03 04" + number), {"map": "apogee"}).values
-    assert math.isnan(value.value)
-    assert value.flags == ["no_value", "not_a_number"]
 
 
 def test_short_answer_with_a_wrong_check_is_one_part():
