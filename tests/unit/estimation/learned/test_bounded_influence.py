@@ -81,10 +81,7 @@ def test_no_minute_and_no_reading_moves_a_slope(world, undisturbed):
 @pytest.mark.parametrize("day", [CLEAR, BROKEN_CLOUD])
 def test_no_false_or_displaced_mark_moves_a_slope(day, minutes, moves):
     is_displaced = moves is influence.by_displaced_mark
-    found = list(moves(drawn_world(3, day, minutes=minutes, shade_test=is_displaced)))
-    print(f"99 % {np.quantile(found, 0.99):.3f}, largest {max(found):.3f} of {len(found)}")
-    assert np.quantile(found, 0.99) <= 0.25
-    assert max(found) <= 0.5
+    assert max(moves(drawn_world(3, day, minutes=minutes, shade_test=is_displaced))) <= 0.5
 
 
 def shaded(history):
