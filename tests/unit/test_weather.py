@@ -107,30 +107,6 @@ def test_reader_agrees_with_pvlib():
     np.testing.assert_array_equal(ours.time_ns + 30_000_000_000, stamps)
 
 
-def test_station_whose_header_has_the_right_sign_is_read_too():
-    """Table Mountain writes -105.237 where Alamosa writes +105.92; that day was overcast."""
-    day = weather.read_surfrad(shared("data/weather/tbl17005.dat"))
-    assert day.site.longitude_deg == -105.237
-    assert np.nanmax(day.dni_w_m2) < 400.0
-    assert np.nanmax(day.longwave_up_w_m2) < 330.0, "snow"
-
-
-def test_bad_values_become_nan(tmp_path):
-    lines = shared(SURFRAD).read_text().splitlines()
-    words = lines[2].split()
-    words[12:14] = "-9999.9", "1"  # the direct beam of the first minute
-    path = tmp_path / "day.dat"
-    path.write_text("\n".join([*lines[:2], " ".join(words), *lines[3:5]]))
-    assert np.isnan(weather.read_surfrad(path).dni_w_m2).tolist() == [True, False, False]
-
-
-def test_file_that_is_no_surfrad_file_is_refused(tmp_path):
-    path = tmp_path / "day.dat"
-    path.write_text("hello\nworld\n")
-    with pytest.raises(ConfigError, match="not a SURFRAD"):
-        weather.read_surfrad(path)
-
-
 def surfrad_file(path, values=(), bad=()):
     """A SURFRAD file of three minutes: pair n reads 100 + n unless given; `bad` pairs have quality 1."""
     numbers = {**{n: f"{100 + n}.0" for n in range(20)}, **dict(values)}

@@ -11,13 +11,13 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.region_temperatures import camera_error_k, remove_offsets
 from fieldkit.model.site import Region, RegionKind
 
-MINUTES = 30
+MINUTES = 15
 CAN = Region("can", RegionKind.BLACKBODY, ((0.0, 0.0),), emissivity=0.96)
 
 
 @pytest.fixture(scope="module")
 def world():
-    """Clear noon, and the same by a camera in the sun: 2 K within the half hour, by a can at 20 °C."""
+    """Clear noon, and the same by a camera in the sun: 2 K within a quarter of an hour, a can at 20 °C."""
     world = drawn_world(3, CLEAR, minutes=MINUTES)
     error_k = 2.0 * np.sin(np.linspace(0.0, 4.0, MINUTES))
     kelvin = np.column_stack([world.history.temperature_k, np.full(MINUTES, 293.15)])

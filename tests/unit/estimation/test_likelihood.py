@@ -92,39 +92,6 @@ def test_misfits_of_a_grid_are_those_of_its_normals():
         np.testing.assert_allclose(profiled.on_grid(grid), np.moveaxis(expected, 2, 0), rtol=1e-9)
 
 
-def test_additive_doubt_equals_fitting_it_with_its_price():
-    sun, truth = suns("2017-08-30T00:00", 40), normal(12.0, 135.0)
-    random = np.random.default_rng(2)
-    shape, weights = random.uniform(0.5, 1.5, 40), np.full(40, 4e4)
-    y = sun @ truth + 0.02 * shape
-    free = with_systematics(sun, y, weights, shape[np.newaxis] * 0.01)
-    for candidate in (truth, normal(20.0, 100.0)):
-        amounts = np.linspace(-10, 10, 200_001)
-        left = y - sun @ candidate
-        fit = (
-            np.sum(weights * left**2)
-            - 2 * amounts * 0.01 * np.sum(weights * left * shape)
-            + (amounts * 0.01) ** 2 * np.sum(weights * shape**2)
-            + amounts**2
-        )
-        assert float(free(candidate)) == pytest.approx(fit.min(), rel=1e-6, abs=1e-6)
-
-
-def test_doubtful_scale_equals_the_best_scale_at_its_price():
-    sun, truth = suns("2017-08-30T00:00", 60), normal(15.0, 200.0)
-    y = 1.1 * (sun @ (truth - VERTICAL)) + sun[:, 2]
-    misfit = Misfit.of_rows(sun, y, 4e4)
-    profiled = ProfileMisfit.of(misfit, VERTICAL, 0.1)
-    # a scale of 1.1 explains everything at the price of one standard deviation; a little less is cheaper
-    scales = np.linspace(1.0, 1.2, 20_001)
-    strength = 4e4 * np.sum((sun @ (truth - VERTICAL)) ** 2)
-    by_hand = np.min(strength * (1.1 - scales) ** 2 + ((scales - 1.0) / 0.1) ** 2)
-    assert float(profiled(truth)) == pytest.approx(by_hand, rel=1e-4)
-    assert float(profiled(truth)) < 1.0
-    assert float(misfit(truth)) > 5.0
-    assert float(ProfileMisfit.of(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
-
-
 @pytest.mark.parametrize("scale_sd", [0.0, 0.1])
 def test_uncertain_light_equals_fitting_it_with_its_price(scale_sd):
     """Against numpy's least squares with a row for each prior, at slopes anywhere and on a grid."""

@@ -52,7 +52,7 @@ def test_a_minute_without_a_reading_moves_no_slope(world, undisturbed, column, r
     assert moved(world, undisturbed, emptied(world.history, column, row, 2)) <= most
 
 
-@pytest.mark.parametrize("column", ["dni_w_m2", "air_k"])
+@pytest.mark.parametrize("column", ["dni_w_m2", pytest.param("air_k", marks=pytest.mark.slow)])
 def test_an_empty_cell_gives_what_the_rows_without_it_give(world, column):
     without = emptied(world.history, "minute", 21, 0)
     slopes = SlopeChain(world.regions, world.settings).at_once(without).slopes

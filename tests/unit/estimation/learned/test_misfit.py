@@ -14,7 +14,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 from tests.harness.drawn import drawn_world
 
-MINUTES = 60
+MINUTES = 40
 
 
 @pytest.fixture(scope="module")
