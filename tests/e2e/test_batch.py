@@ -105,28 +105,6 @@ def test_a_killed_process_of_this_computer_costs_nothing_but_time(recordings, un
     assert (tmp_path / "two.csv").read_bytes() == undisturbed
 
 
-@pytest.mark.slow  # of the pool alone: tests/unit/results/test_executors.py
-def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
-    recordings, undisturbed, tmp_path
-):
-    with sweep_held_still(recordings, tmp_path, "-j", 2, "-o", tmp_path / "two") as sweep:
-        kept = entries(tmp_path)
-        for pid in workers_of(sweep):
-            os.kill(pid, signal.SIGKILL)
-    while sweep.poll() is None:
-        with suppress(OSError):  # it may end, or a worker may, between the look and the blow
-            for pid in workers_of(sweep):
-                os.kill(pid, signal.SIGKILL)
-    _, told = sweep.communicate()
-    assert sweep.returncode == 1
-    assert "killed repeatedly" in told
-    again = run("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "again", cache=tmp_path)
-    known = re.search(r"done, (\d+) of them known before", again.stderr)
-    assert known is not None, again.stderr
-    assert kept - MINUTES <= int(known.group(1)) < RUNS
-    assert (tmp_path / "again.csv").read_bytes() == undisturbed
-
-
 @pytest.fixture
 def cluster(tmp_path):
     """The scheduler's address and two worker processes, on loopback."""
@@ -193,35 +171,11 @@ def test_everything_comes_from_an_executor_of_a_cluster_as_from_here(
     assert remote == everything("here", None)
 
 
-@pytest.mark.slow  # of several processes: tests/unit/cli/test_map.py; of a cluster: the sweep above
-def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, recordings, tmp_path):
-    address, _ = cluster
-    for name, workers in (("remote", ("--address", address)), ("here", ("-j", 1))):
-        done = run("map", recordings, *workers, *QUICKEST, "-o", tmp_path / name, cache=tmp_path)
-        assert done.returncode == 0, done.stderr
-    remote, here = (sorted((tmp_path / name).glob("*.png")) for name in ("remote", "here"))
-    assert len(remote) == 2
-    assert [path.read_bytes() for path in remote] == [path.read_bytes() for path in here]
-
-
 def test_an_address_where_nobody_answers_is_told(recordings, tmp_path):
     options = ("--address", "tcp://127.0.0.1:9")
     found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 3
     assert "tcp://127.0.0.1:9: " in found.stderr
-
-
-def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings, tmp_path):
-    (tmp_path / "fieldkit.py").write_text("raise ModuleNotFoundError(\"No module named 'fieldkit'\")")
-    quiet = ("--no-dashboard", "--host", "127.0.0.1")
-    with (
-        dask("scheduler", "--port", "0", *quiet, folder=tmp_path) as (_, address),
-        dask("worker", address, "--no-nanny", *quiet, folder=tmp_path, PYTHONPATH=str(tmp_path)),
-    ):
-        options = ("--address", address)
-        found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
-    assert found.returncode == 9, found.stderr
-    assert "install fieldkit-slope" in found.stderr
 
 
 def test_workers_end_with_a_sweep_that_is_killed(recordings, tmp_path):

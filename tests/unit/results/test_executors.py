@@ -32,8 +32,9 @@ def test_work_on_a_dask_cluster_comes_back():
         with dask(cluster.scheduler_address) as executor:
             pieces = [(number, partial(squared, number)) for number in range(5)]
             assert sorted(results(executor, pieces)) == [(number, number**2) for number in range(5)]
-            with pytest.raises(OtherVersionError):
+            with pytest.raises(OtherVersionError) as caught:
                 list(results(executor, [(0, worker_without_fieldkit)]))
+            assert "install fieldkit-slope" in str(caught.value.fix)
 
 
 def worker_without_fieldkit() -> None:

@@ -16,6 +16,7 @@ from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.results.estimate import estimate_tables, require_slope
 from fieldkit.results.temperature_table import read_table
 from fieldkit.views import formatting
+from tests.harness.command_line import document, fieldkit
 from tests.harness.next_steps import at
 
 
@@ -31,6 +32,12 @@ CASE_1 = """time,reference_k,bed_k,irradiance_w_m2
 2017-08-30T14:00:00+09:00,320.08268,321.34508,800
 2017-08-30T15:00:00+09:00,316.46441,317.34486,800
 """
+CASE_2 = """time,reference_k,bed_k,irradiance_w_m2
+2017-08-30T09:00:00+09:00,318.65543,321.86850,800
+2017-08-30T10:00:00+09:00,321.61792,324.24478,800
+2017-08-30T11:00:00+09:00,323.30003,325.14110,800
+2017-08-30T12:00:00+09:00,323.60330,324.50615,800
+"""
 SUN_UP = (0.891975, 0.849206, 0.754695, 0.614874)
 """Cosine of the zenith at these times (SPA)."""
 
@@ -45,15 +52,15 @@ def table(tmp_path):
     return write
 
 
-def test_the_golden_table_gives_ten_degrees_south(table):
-    (bed,) = slopes_of(table(CASE_1), SITE, WHOLE)
-    assert bed.region == "bed"
-    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
-    assert bed.azimuth_deg == pytest.approx(180.0, abs=0.005)
-    assert bed.tilt_low_deg < 10.0 < bed.tilt_high_deg
-    assert bed.n_bins == 4
-    # 0.064 K per degree at 15:00 (d T / d tilt of a 10 degree south slope, S = 800 instead of 850)
-    assert bed.kelvin_per_degree == pytest.approx(0.066 * 800 / 850, abs=0.006)
+@pytest.mark.parametrize(("text", "slope"), [(CASE_1, (10.0, 180.0)), (CASE_2, (12.0, 135.0))])
+def test_the_golden_tables_give_their_slopes(table, text, slope):
+    (bed,) = slopes_of(table(text), SITE, WHOLE)
+    assert (bed.region, bed.n_bins) == ("bed", 4)
+    assert (bed.tilt_deg, bed.azimuth_deg) == pytest.approx(slope, abs=0.005)
+    assert bed.tilt_low_deg < bed.noise_tilt_low_deg < slope[0] < bed.noise_tilt_high_deg < bed.tilt_high_deg
+    if text == CASE_1:
+        # 0.064 K per degree at 15:00 (d T / d tilt of a 10 degree south slope, S = 800 instead of 850)
+        assert bed.kelvin_per_degree == pytest.approx(0.066 * 800 / 850, abs=0.006)
 
 
 def test_air_and_wind_are_columns_of_the_table_and_no_targets(table):
@@ -166,6 +173,9 @@ def with_note(light):
         (CASE_1.replace("bed_k", "bed_k,bed_k"), "bed_k and bed_k"),
         (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm'"),
         (with_note(',800,"dry'), "line 5"),
+        ("time,irradiance_w_m2,reference_c,b15_c\n2017-08-30T12:00:00+09:00,1022,0,7,9,16,4\n", "line 2: "),
+        (CASE_1 + "\n12h,320,warm,800\n", "line 7: time '12h'"),  # lines are counted as an editor does
+        (CASE_1 + "\n2017-08-30T18:00+09:00,320,warm,800\n", "line 7: bed_k 'warm'"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint):
@@ -180,9 +190,16 @@ def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
     assert caught.value.fix
 
 
-def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):
-    night = "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n"
-    (day,), (both,) = (slopes_of(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
+@pytest.mark.parametrize(
+    "more",
+    [
+        "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n",
+        ",,,,\n,,,\n",  # as spreadsheets end
+    ],
+    ids=["night", "commas"],
+)
+def test_rows_without_sun_or_any_value_change_nothing(table, more):
+    (day,), (both,) = (slopes_of(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + more))
     assert both == day
 
 
@@ -283,3 +300,32 @@ def test_one_row_gives_the_component_along_the_sun(table):
     assert bed.along_sun_deg == pytest.approx(3.19, abs=1.0)
     require_slope([bed])
     assert formatting.state(bed).startswith(f"{bed.along_sun_deg:.1f}° ")
+
+
+OF_SITE = ("--site", "35.558675,139.395232,9")
+
+
+def test_the_reference_may_slope(table):
+    """Reference and target exchanged: the flat one is found from the tilted one."""
+    text = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
+    options = ("--reference-facet", "10,180", "--set", "estimator.model=paper")
+    (bed,) = document("estimate", table(text), *OF_SITE, *options)["slopes"]
+    assert bed["tilt_deg"] == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ((), "--site"),
+        ((*OF_SITE, "b.csv"), "--together"),
+        ((*OF_SITE, "x.h5"), "--together"),
+        ((*OF_SITE, "x.h5", "--together"), "--together"),
+        ((*OF_SITE, "-o", "out"), "--json > FILE"),  # the slopes of a table go into no file
+        ((*OF_SITE, "--campaign"), "--campaign"),
+        ((*OF_SITE, "-j", 2), "workers"),
+    ],
+)
+def test_what_a_table_does_not_take_is_wrong_usage(table, words, option):
+    done = fieldkit("estimate", table(CASE_1), *words)
+    assert done.exit_code == 2
+    assert option in done.stderr
