@@ -9,11 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from hypothesis import HealthCheck, settings
 from platformdirs import user_cache_path
 
-from fieldkit.cli import main
+from tests.harness.command_line import succeed
 from tests.harness.once import folder_of_run, made_once
 from tests.shared_data import NO_SHARED_DATA
 
@@ -73,5 +72,4 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]
 
 def record(folder: Path) -> None:
     for words in (("init", "--simulated"), RECORD):
-        done = CliRunner().invoke(main, [*words, str(folder)])
-        assert done.exit_code == 0, done.output
+        succeed(*words, folder)

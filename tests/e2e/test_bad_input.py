@@ -1,6 +1,5 @@
 """What a person gets for wrong input, through the real command line: the message and the exit code."""
 
-import os
 import re
 import shutil
 from pathlib import Path
@@ -132,38 +131,3 @@ def bad_file(file: Path, session: Path, kind: str) -> Path:
         content = session.read_bytes()
         file.write_bytes(content[: len(content) // 2])
     return file
-
-
-def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulated):
-    far_end, near_end = os.openpty()
-    port = os.ttyname(near_end)
-    try:
-        os.chmod(port, 0)
-        with ordinary_rights():
-            code, message = fieldkit("record", "-C", simulated, "--for", "1s", "--set", f"lux.port={port}")
-    finally:
-        os.close(near_end)
-        os.close(far_end)
-    assert code == 4
-    assert f"{port}: " in message
-    assert "udev" in message
-
-
-def test_two_serial_ports_that_do_not_exist_are_told_together_and_exit_4(simulated):
-    code, message = fieldkit(
-        "record", "-C", simulated, "--for", "1s",
-        "--set", "lux.port=/dev/ttyNOWHERE", "--set", "thermometer.port=/dev/ttyNEVER",
-    )  # fmt: skip
-    assert code == 4
-    assert "/dev/ttyNOWHERE" in message
-    assert "/dev/ttyNEVER" in message
-    assert "fieldkit devices" in message
-
-
-@pytest.mark.parametrize("kind", ["text", "truncated"])
-def test_check_marks_what_is_damaged_and_exits_7(tmp_path, session, kind):
-    file = bad_file(tmp_path / "bad.h5", session, kind)
-    result = command_line.fieldkit("check", file)
-    assert result.exit_code == 7
-    assert "FAIL" in result.stdout
-    assert "fix: " in result.stdout

@@ -17,7 +17,7 @@ from distributed import Client
 import fieldkit
 from fieldkit.results.report import ReportOptions
 from fieldkit.results.sweep import sweep
-from tests.harness.command_line import program
+from tests.harness.command_line import program, run_program
 from tests.harness.two_sessions import copy_of_both
 from tests.harness.waiting import PATIENCE_S, wait_until
 
@@ -29,9 +29,7 @@ ENTRIES = RUNS + MINUTES
 
 
 def run(*arguments: object, cache: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "fieldkit", *map(str, arguments)]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
-    return subprocess.run(command, capture_output=True, text=True, env=environment)
+    return run_program(*arguments, env={**os.environ, "XDG_CACHE_HOME": str(cache)})
 
 
 @pytest.fixture(scope="module")

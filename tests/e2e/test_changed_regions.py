@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.cli import main
 from fieldkit.config import Config, load_config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import ConfigError
@@ -24,6 +22,7 @@ from fieldkit.recording.request_reader import recover_session
 from fieldkit.recording.requests import Acknowledgement, Request, Shutter, inbox, send
 from fieldkit.results.session import open_session
 from fieldkit.sessions.lock import journal_path
+from tests.harness.command_line import succeed
 
 SAME_DEG = 1e-9
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
@@ -76,7 +75,7 @@ def same(found: Estimates, live: Estimates) -> None:
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     folder = tmp_path_factory.mktemp("changed") / "sand"
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    succeed("init", "--simulated", folder)
     return folder
 
 

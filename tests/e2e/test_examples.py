@@ -6,14 +6,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.drivers import registry
 from fieldkit.model.samples import Health, Reading, StreamHealth
 from fieldkit.views.latest import Latest
 from fieldkit.views.metrics import metrics
+from tests.harness.command_line import document
 from tests.harness.seldom import SET_SELDOM
 from tests.unit.views.conftest import frame, make_minute, regions, site, streams  # noqa: F401 - fixtures
 
@@ -32,12 +31,8 @@ def test_an_example_is_valid_and_its_drivers_exist(file):
 def test_a_simulated_example_records_and_gives_a_slope_for_every_bed(file, tmp_path):
     folder = tmp_path / "campaign"
     shutil.copytree(file.parent, folder, ignore=shutil.ignore_patterns("recordings", "reports"))
-    result = CliRunner().invoke(
-        main,
-        ["record", "-C", str(folder), "--for", "12m", "--json", "--set", "simulation.speed=max", *SET_SELDOM],
-    )
-    assert result.exit_code == 0, result.output
-    slopes = {one["region"]: one for one in json.loads(result.stdout)["estimates"]}
+    words = ("record", "-C", folder, "--for", "12m", "--set", "simulation.speed=max", *SET_SELDOM)
+    slopes = {slope["region"]: slope for slope in document(*words)["estimates"]}
     beds = [region for region in load_config(file, environment={}).regions if region.tilt_deg > 0]
     assert set(slopes) == {bed.name for bed in beds}
     assert all(abs(slopes[bed.name]["tilt_deg"] - bed.tilt_deg) < 10 for bed in beds)

@@ -14,13 +14,9 @@ from typing import Any
 import pytest
 from paho.mqtt import client as client_module
 
-from fieldkit.config import FILE_NAME, load_config
-from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import ConfigError
-from fieldkit.recording.background import RecordOptions
-from fieldkit.recording.campaign import create_campaign
-from fieldkit.recording.record import prepare
 from tests.harness.page import free_port
+from tests.harness.simulated import record_simulated
 
 UNITS = {"temperature": "°C", "illuminance": "lx", "irradiance": "W/m²", "wind_speed": "m/s", None: "°"}
 """A unit that Home Assistant takes for each device class; none: an angle."""
@@ -62,22 +58,11 @@ def retained(port: int) -> dict[str, str]:
 
 
 def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker, tmp_path):
-    create_campaign(tmp_path / "field", SIMULATED)
     services = tmp_path / "services.txt"
     services.write_text(f"mqtt://127.0.0.1:{broker}/my field\n", encoding="utf-8")
     services.chmod(0o600)
-    settings = [
-        "simulation.speed=max",
-        "lux.every_s=4",
-        "thermometer.every_s=4",
-        "alarms.send=info",
-        f"alarms.services_file={services}",
-        "alarms.home_assistant=true",
-        FAULT,
-    ]
-    config = load_config(tmp_path / "field" / FILE_NAME, settings=settings)
-    with prepare(config, RecordOptions(duration_s=1200.0)) as prepared:
-        prepared.run()
+    outputs = ("alarms.send=info", f"alarms.services_file={services}", "alarms.home_assistant=true")
+    record_simulated(tmp_path / "field", 20, *outputs, FAULT)
     found = retained(broker)
     configs = {topic: json.loads(text) for topic, text in found.items() if topic.startswith("homeassistant/")}
     for topic, config_ in configs.items():
@@ -109,11 +94,6 @@ def is_found_and_understood(topic: str, config: dict[str, Any], found: dict[str,
 
 
 def test_without_a_broker_the_recording_does_not_begin(tmp_path):
-    create_campaign(tmp_path / "field", SIMULATED)
-    config = load_config(tmp_path / "field" / FILE_NAME, settings=["alarms.home_assistant=true"])
-    with (
-        pytest.raises(ConfigError, match=r"alarms\.home_assistant") as refused,
-        prepare(config, RecordOptions(duration_s=60.0)) as one,
-    ):
-        one.run()
+    with pytest.raises(ConfigError, match=r"alarms\.home_assistant") as refused:
+        record_simulated(tmp_path / "field", 1, "alarms.home_assistant=true")
     assert "alarms.services_file" in (refused.value.fix or "")

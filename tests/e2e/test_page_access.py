@@ -10,12 +10,10 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
 import pytest
-from click.testing import CliRunner
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.frames import Close
 
-from fieldkit.cli import main
 from fieldkit.page import answers, checks, requests, viewer
 from fieldkit.page import server as page_server
 from fieldkit.page.checks import CHECKS, known_host, same_origin
@@ -26,6 +24,7 @@ from fieldkit.page.sessions import identifier
 from fieldkit.phrases import phrases
 from fieldkit.recording.background import RecordOptions
 from fieldkit.views.metrics import MEDIA_TYPE
+from tests.harness.command_line import succeed
 from tests.harness.disk import full_disk
 from tests.harness.page import HOST, Browser, Served, campaign, served
 from tests.harness.waiting import PATIENCE_S, wait_until
@@ -314,7 +313,7 @@ def test_without_a_key_there_is_only_the_empty_document(page):
 def test_a_program_reads_the_numbers_with_its_key_for_a_year_and_nothing_else(folder, page):
     assert page.ask("GET", "/metrics").status == 403
     assert page.ask("GET", "/metrics", Authorization="Bearer wrong").status == 403
-    key = CliRunner().invoke(main, ["page", "--key", "-C", str(folder)]).stdout.strip()
+    key = succeed("page", "--key", "-C", folder).stdout.strip()
     answer = page.ask("GET", "/metrics", Authorization=f"Bearer {key}")
     assert (answer.status, answer.headers["content-type"]) == (200, MEDIA_TYPE)
     families = {family.name for family in text_string_to_metric_families(answer.body.decode())}

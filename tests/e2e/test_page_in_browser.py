@@ -28,7 +28,6 @@ from tests.harness.field_page import (
     PHONE_ON_ITS_SIDE,
     SMALLEST,
     Watched,
-    chromium,
     opened,
     served,
 )
@@ -37,6 +36,7 @@ from tests.harness.waiting import wait_until
 if TYPE_CHECKING:
     pass
 
+pytestmark = pytest.mark.usefixtures("closed_afterwards")
 BACK_WITHIN_S = 2.0
 FIRST_SLOPE_WITHIN_S = 90.0
 TARGET_SIZES = """[...document.querySelectorAll(
@@ -59,23 +59,9 @@ CORNERS = """[...document.querySelectorAll(".draft .hit")]
 
 
 @pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture(scope="module")
 def page(tmp_path_factory):
     with served(journey.empty_campaign(tmp_path_factory.mktemp("page") / "sandslope")) as page:
         yield page
-
-
-@pytest.fixture(autouse=True)
-def closed_afterwards(browser):
-    """Close what a test has opened: a page serves few browsers at once."""
-    yield
-    for context in browser.contexts:
-        context.close()
 
 
 def test_the_whole_journey_by_touch(browser, tmp_path):

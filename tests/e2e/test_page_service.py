@@ -3,17 +3,15 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.page.service import REPORT_EVERY_S
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.lock import journal_path, owner
+from tests.harness.command_line import PROGRAM, succeed
 from tests.harness.page import free_port
 from tests.harness.service_manager import ServiceManager
 
@@ -30,7 +28,7 @@ def manager(tmp_path):
 @pytest.fixture
 def recordings(tmp_path):
     folder = tmp_path / "campaign"
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    succeed("init", "--simulated", folder)
     return folder / "recordings"
 
 
@@ -40,17 +38,7 @@ def page(recordings, manager):
     # as a unit's ExecStart is: SYSTEMD_EXEC_PID is the page's own process
     own_pid = ("sh", "-c", 'SYSTEMD_EXEC_PID=$$ exec "$@"', "sh")
     campaign = ("-C", recordings.parent, "--set", "simulation.speed=1")
-    words = [
-        *own_pid,
-        sys.executable,
-        "-m",
-        "fieldkit",
-        "page",
-        "--record",
-        *campaign,
-        "--port",
-        f"{free_port()}",
-    ]
+    words = [*own_pid, *PROGRAM, "page", "--record", *campaign, "--port", f"{free_port()}"]
     environment = {**os.environ, "NOTIFY_SOCKET": manager.address}
     page = subprocess.Popen(
         words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -97,8 +85,7 @@ def test_the_page_is_silent_while_its_recorder_should_feed_the_watchdog(page, ma
 
 def test_a_recording_that_a_person_stops_is_not_begun_again(page, manager, recordings, monkeypatch):
     assert feeding(manager, "samples")
-    stopped = CliRunner().invoke(main, ["stop", "-C", str(recordings.parent)])
-    assert stopped.exit_code == 0, stopped.output
+    succeed("stop", "-C", recordings.parent)
     assert feeding(manager, "no recording; the page shows the instruments")
     assert "STOPPING=1" not in manager.states
     page.send_signal(signal.SIGTERM)

@@ -19,7 +19,7 @@ from fieldkit.results.describe import recorded_slopes
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views.formatting import local_time
 from tests.harness import field_page
-from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
+from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, opened
 from tests.harness.page import Answer, Served, served
 from tests.harness.recording import CountedClock, fill, header
 from tests.harness.waiting import PATIENCE_S, wait_until
@@ -93,12 +93,6 @@ def test_small_images_and_slopes_are_those_of_the_session(page, folder):
         assert [one["region"] for one in shown] == [one.region for one in recorded]
         tilts = [float(re.match(r"[\d.]+", one["tilt"])[0]) for one in shown]  # type: ignore[index]
         assert tilts == pytest.approx([one.tilt_deg for one in recorded], abs=0.5)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.page.server import REPORT_POLICY
-from tests.harness.field_page import chromium, opened
+from tests.harness.command_line import succeed
+from tests.harness.field_page import opened
 from tests.harness.seldom import SET_SELDOM
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 DESK, PHONE = (1200, 800), (390, 800)
+pytestmark = pytest.mark.usefixtures("closed_afterwards")
 PAGES = ("session", "weather", "campaign", "plan", "study")
 AT_ONCE = ("-q", "--set", "simulation.speed=max", *SET_SELDOM)
 POINTS_OF_LINES = """[...document.querySelectorAll('.drawing g[id*="-axes_"]')].map((axes) =>
@@ -33,43 +33,25 @@ BREAKS = """([selector, property]) => [...new Set([...document.querySelectorAll(
 
 
 @pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture(autouse=True)
-def closed_afterwards(browser):
-    yield
-    for context in browser.contexts:
-        context.close()
-
-
-@pytest.fixture(scope="module")
 def pages(browser, recorded, tmp_path_factory):
     """One page of each kind, of simulated sessions; asked for the browser first, which may be missing."""
     folder = tmp_path_factory.mktemp("pages")
     beds, weather = folder / "beds", folder / "weather"
     noon = recorded(beds)
-    fieldkit("init", "--simulated", weather)
+    succeed("init", "--simulated", weather)
     without_camera(weather / "fieldkit.toml")
     cloudy = (*AT_ONCE, "--set", 'simulation.faults=["cloud"]')
     for campaign, name, chosen in ((beds, "cloudy", cloudy), (weather, "weather", AT_ONCE)):
-        fieldkit("record", "-C", campaign, "--name", name, "--for", "12m", *chosen)
+        succeed("record", "-C", campaign, "--name", name, "--for", "12m", *chosen)
     made = {name: folder / f"{name}.html" for name in PAGES}
     (rain,) = weather.glob("recordings/*weather.h5")
-    fieldkit("report", noon, "-o", made["session"])
-    fieldkit("report", rain, "-o", made["weather"])
-    fieldkit("report", *beds.glob("recordings/*.h5"), "-o", made["campaign"])
-    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--out", made["plan"])
-    fieldkit("study", "--slopes", "50", "--estimator", "unit-norm", "--out", folder / "study")
+    succeed("report", noon, "-o", made["session"])
+    succeed("report", rain, "-o", made["weather"])
+    succeed("report", *beds.glob("recordings/*.h5"), "-o", made["campaign"])
+    succeed("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--out", made["plan"])
+    succeed("study", "--slopes", "50", "--estimator", "unit-norm", "--out", folder / "study")
     made["study"] = folder / "study" / "study.html"
     return made
-
-
-def fieldkit(*words: str | int | Path) -> None:
-    done = CliRunner().invoke(main, list(map(str, words)), catch_exceptions=False)
-    assert done.exit_code == 0, done.output
 
 
 def without_camera(config: Path) -> None:
@@ -179,7 +161,7 @@ def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(browser, pages,
 def test_an_exported_video_plays(browser, pages):
     folder = pages["session"].parent
     (noon,) = folder.glob("beds/recordings/*short.h5")
-    fieldkit("export", noon, "--to", "video", "--every", 5, "-o", folder / "video")
+    succeed("export", noon, "--to", "video", "--every", 5, "-o", folder / "video")
     (video,) = (folder / "video").glob("*.mp4")
     (folder / "video.html").write_text(f'<video src="video/{video.name}" muted></video>', encoding="utf-8")
     page = browser.new_page()

@@ -3,10 +3,10 @@
 import json
 from glob import glob
 
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fieldkit.cli import main
 from fieldkit.simulation.scene import BEDS
+from tests.harness.command_line import fieldkit
 
 COMMANDS = (
     ("init", "--simulated", "sand"),
@@ -24,7 +24,7 @@ def test_six_commands_lead_from_nothing_to_a_slope_and_its_report(tmp_path, monk
     done: dict[str, Result] = {}
     for words in COMMANDS:
         typed = [path for word in words for path in (sorted(glob(word)) or [word])]  # as a shell does
-        done[words[0]] = CliRunner().invoke(main, [*typed, "--no-input"])
+        done[words[0]] = fieldkit(*typed, "--no-input")
         may_lack_instruments = words[0] == "doctor"  # of this computer: the simulated ones need none
         assert done[words[0]].exit_code == 0 or may_lack_instruments, done[words[0]].output
     tilts = {bed.name: bed.tilt_deg for bed in BEDS}

@@ -1,7 +1,6 @@
 """The main job as a user does it: record on simulated devices, then read the same session again."""
 
 import errno
-import json
 import os
 from collections import Counter
 from contextlib import ExitStack, suppress
@@ -10,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
 from fieldkit.model.alarm import phase_of
@@ -30,16 +27,10 @@ from fieldkit.results.estimate import estimate
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import document, succeed
 from tests.harness.disk import full_disk, small_disk
 from tests.harness.next_steps import steps
 from tests.harness.replayed_minutes import replayed_minutes
-
-
-def fieldkit(*arguments: str | Path) -> str:
-    """Standard output of a command."""
-    done = CliRunner().invoke(main, [*map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +74,8 @@ def values_of(learnt: Learnt) -> list[float]:
 
 
 def test_replay_and_estimate_say_the_same(session_file):
-    batch = json.loads(fieldkit("estimate", session_file, "--json"))["slopes"]
-    replayed = json.loads(fieldkit("replay", session_file, "--speed", "max", "--json"))["slopes"]
+    batch = document("estimate", session_file)["slopes"]
+    replayed = document("replay", session_file, "--speed", "max")["slopes"]
     for one, other in zip(batch, replayed, strict=True):
         assert one["region"] == other["region"]
         assert one["tilt_deg"] == pytest.approx(other["tilt_deg"], abs=1e-9)
@@ -103,8 +94,8 @@ def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session
 
 
 def test_check_finds_nothing_wrong_with_a_clear_session(session_file):
-    (document,) = json.loads(fieldkit("check", session_file, "--json"))["sessions"]
-    assert [one for one in document["findings"] if one["level"] != "ok"] == []
+    (checked,) = document("check", session_file)["sessions"]
+    assert [one for one in checked["findings"] if one["level"] != "ok"] == []
 
 
 def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file):
@@ -120,7 +111,7 @@ def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(sessio
 
 def test_another_recording_of_the_same_scene_is_equal_sample_by_sample(campaign, session_file):
     fast = ("--set", "simulation.speed=max", "-q")
-    fieldkit("record", "-C", campaign, "--for", "3m", "--name", "again", *fast)
+    succeed("record", "-C", campaign, "--for", "3m", "--name", "again", *fast)
     again = next(campaign.glob("recordings/*again.h5"))
     with open_session(session_file) as first, open_session(again) as second:
         assert second.count("lux") > 170
@@ -156,11 +147,10 @@ FAULTS = {
 )
 def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(campaign, fault):
     minutes = 12 if fault == "disk" else 8  # it is full five minutes after the middle
-    words = ["record", "-C", str(campaign), "--for", f"{minutes}m", "--name", fault]
+    words = ("record", "-C", campaign, "--for", f"{minutes}m", "--name", fault)
     fast = ("--set", "simulation.speed=max", "--set", "estimator.model=full")
     fault_there = ("--set", f'simulation.faults=["{fault}"]')
-    done = CliRunner().invoke(main, [*words, *fast, *fault_there])
-    assert done.exit_code == 0, done.output
+    done = succeed(*words, *fast, *fault_there)
     path = next(campaign.glob(f"recordings/*-{fault}.h5"))
     with open_session(path) as session:
         told = [event for event in session.events() if event.kind is FAULTS[fault]]
@@ -169,8 +159,7 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
     assert told
     assert any(event.text in done.stderr for event in told)
     assert readings == pytest.approx(60 * minutes, abs=140 if fault == "garbled" else 5)
-    findings = CliRunner().invoke(main, ["check", str(path)])
-    assert findings.exit_code == 0, findings.output
+    findings = succeed("check", path)
     assert fault.split("_")[0] in findings.stdout.lower() or told[0].text in findings.stdout
 
 
@@ -280,7 +269,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
     with pytest.raises(StorageError, match=r"no-room\.h5") as failed:
         record(campaign, path, 20.0, Filling(path, 10))
     assert [step.action for step in steps(failed.value)] == [Action.RECOVER]
-    fieldkit("recover", path)
+    succeed("recover", path)
     with open_session(path) as session:
         assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["the last"]
         assert session.count("lux") >= 11

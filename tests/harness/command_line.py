@@ -12,6 +12,8 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import main
 
+PROGRAM = (sys.executable, "-m", "fieldkit")
+
 
 def fieldkit(*words: object) -> Result:
     """What ``fieldkit WORDS`` prints, and its exit code."""
@@ -39,5 +41,10 @@ def document(*words: object) -> Any:
 def program(*words: object, **options: Any) -> subprocess.Popen[str]:
     """The process of ``fieldkit WORDS``, what it prints in pipes."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    command = [sys.executable, "-m", "fieldkit", *map(str, words)]
-    return subprocess.Popen(command, text=True, **{**pipes, **options})
+    return subprocess.Popen([*PROGRAM, *map(str, words)], text=True, **{**pipes, **options})
+
+
+def run_program(*words: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """The same once it has ended."""
+    command = [*PROGRAM, *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)

@@ -6,9 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
+from tests.harness.command_line import succeed
 from tests.harness.once import made_once
 from tests.harness.seldom import SET_SELDOM
 
@@ -24,12 +23,11 @@ def copy_of_both(factory: pytest.TempPathFactory, folder: Path) -> Path:
 
 
 def record(folder: Path) -> None:
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    succeed("init", "--simulated", folder)
     for seed in (1, 2):
         settings = ["simulation.speed=max", f"simulation.seed={seed}", f"simulation.albedo=0.2{seed}"]
-        arguments = ["record", "-C", str(folder), "--for", "11m", "--name", f"s{seed}", "-q", *SET_SELDOM]
-        made = CliRunner().invoke(main, [*arguments, *(word for one in settings for word in ("--set", one))])
-        assert made.exit_code == 0, made.output
+        words = ("record", "-C", folder, "--for", "11m", "--name", f"s{seed}", "-q", *SET_SELDOM)
+        succeed(*words, *(word for setting in settings for word in ("--set", setting)))
 
 
 @pytest.fixture

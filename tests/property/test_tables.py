@@ -70,22 +70,14 @@ def _stored(written, number: float) -> float:
     return (number - written(0.0)) / slope
 
 
+FORMS = ["{} [{}]", "{} ({})", "{}, ({})", "{} - {}", "{}, {}", "{} / {}", "{}[{}]"]
+GLUED = ["{}{}", "{}_{}"]
+
+
 def with_unit(chance: random.Random, sensor: Sensor) -> str:
     """A header that states the unit in one of the ways of loggers."""
-    name, unit = sensor.name, sensor.spelling
-    glued = [f"{name}{unit}", f"{name}_{unit}"] if unit[0] in "°℃º" else []
-    return chance.choice(
-        [
-            f"{name} [{unit}]",
-            f"{name} ({unit})",
-            f"{name}, ({unit})",
-            f"{name} - {unit}",
-            f"{name}, {unit}",
-            f"{name} / {unit}",
-            f"{name}[{unit}]",
-            *glued,
-        ]
-    )
+    forms = FORMS + (GLUED if sensor.spelling[0] in "°℃º" else [])
+    return chance.choice(forms).format(sensor.name, sensor.spelling)
 
 
 def quoted(text: str, mark: str) -> str:

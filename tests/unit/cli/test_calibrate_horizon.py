@@ -50,26 +50,23 @@ def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path):
         invoke("calibrate", "horizon", *place, "--nearest-m", "1000")
 
 
-def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path):
-    (tmp_path / "pose.toml").write_text(POSE)
-    # 80 px of focal length: the middle row is level, 80 px aside are 45 degrees
-    (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,39.5\n119.5,59.5\n39.5,59.5\n")
-    files = ("--skyline", str(tmp_path / "clicks.csv"), "--pose", str(tmp_path / "pose.toml"))
-    calibrate(tmp_path, *files, "--frame", "160x120")
-    found = load_horizon(tmp_path / "horizon.csv")[1:-1]
-    aside = np.degrees(np.arctan(0.5))
-    expected = [(90.0 - aside, 0.0), (90.0, np.degrees(np.arctan(20.0 / 80.0))), (90.0 + aside, 0.0)]
-    np.testing.assert_allclose(found, expected, atol=0.02)
+UP, ASIDE = np.degrees(np.arctan(20.0 / 80.0)), np.degrees(np.arctan(0.5))
 
 
-def test_of_pixels_above_each_other_the_highest_counts(tmp_path):
-    """As at a cliff, or tapped twice; a horizon that has an azimuth twice makes its configuration invalid."""
+@pytest.mark.parametrize(
+    ("clicks", "expected"),
+    [
+        ("79.5,39.5\n119.5,59.5\n39.5,59.5\n", [(90.0 - ASIDE, 0.0), (90.0, UP), (90.0 + ASIDE, 0.0)]),
+        ("79.5,59.5\n79.5,39.5\n79.5,39.5\n79.5,49.5\n", [(90.0, UP)]),  # as at a cliff, or tapped twice
+    ],
+)
+def test_the_highest_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path, clicks, expected):
+    """80 px of focal length: the middle row is level, 80 px aside are 45 degrees."""
     (tmp_path / "pose.toml").write_text(POSE)
-    (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,59.5\n79.5,39.5\n79.5,39.5\n79.5,49.5\n")
+    (tmp_path / "clicks.csv").write_text("x_px,y_px\n" + clicks)
     files = ("--skyline", str(tmp_path / "clicks.csv"), "--pose", str(tmp_path / "pose.toml"))
     calibrate(tmp_path, *files, "--frame", "160x120")
-    (found,) = load_horizon(tmp_path / "horizon.csv")[1:-1]
-    np.testing.assert_allclose(found, (90.0, np.degrees(np.arctan(20.0 / 80.0))), atol=0.02)
+    np.testing.assert_allclose(load_horizon(tmp_path / "horizon.csv")[1:-1], expected, atol=0.02)
 
 
 @pytest.mark.parametrize("words", [("--crs", "EPSG:32654"), ("--regions", "--dem", __file__)])

@@ -7,7 +7,7 @@ import pytest
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
-from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.site import Site
 from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.connected import plugged_in
 from tests.harness.next_steps import at
@@ -103,20 +103,6 @@ def test_yes_asks_nothing_even_on_a_terminal(monkeypatch, tmp_path):
         main(["init", "--yes", str(tmp_path / "here")], standalone_mode=False)
     os.close(near)
     assert load_config(tmp_path / "here" / "fieldkit.toml", environment={}).tables.surface.same is False
-
-
-def test_simulated_has_three_beds_and_a_flat_reference_on_simulated_devices(init, tmp_path):
-    init("--simulated", "here")
-    config = load_config(tmp_path / "here" / "fieldkit.toml", environment={})
-    assert [device.port for device in config.devices] == ["simulated"] * 3
-    assert [(r.name, r.kind, r.tilt_deg, r.azimuth_deg) for r in config.regions] == [
-        ("flat", RegionKind.REFERENCE, 0.0, 0.0),
-        ("b05", RegionKind.TARGET, 5.0, 180.0),
-        ("b15", RegionKind.TARGET, 15.0, 180.0),
-        ("b25", RegionKind.TARGET, 25.0, 180.0),
-    ]
-    assert config.tables.simulation is not None
-    assert config.tables.simulation.weather == "alamosa-2016-01-01"
 
 
 def test_a_campaign_is_never_overwritten(init, tmp_path):

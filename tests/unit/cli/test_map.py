@@ -131,19 +131,8 @@ def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped, arra
     assert arrays.attrs["minutes"] == mapped["minutes"] == 25
     assert (arrays["region"][:][inside] == 3).all()
     assert np.median(tilt[:][inside]) == pytest.approx(of_region(mapped, "b15")["tilt_deg"])
-
-
-def test_arrays_open_as_netcdf(arrays):
     with xr.open_dataset(arrays.filename, engine="h5netcdf") as data:
-        assert data["tilt_deg"].dims == ("y", "x")
-        assert float(data["latitude"]) == 37.7
-
-
-def test_picture_is_a_whole_multiple_of_the_cameras_with_room_for_the_legend(mapped):
-    picture = cv2.imread(next(file for file in mapped["files"] if file.endswith(".png")))
-    rows, cols, _ = picture.shape
-    assert rows > 720
-    assert cols > 960
+        assert (data["tilt_deg"].dims, float(data["latitude"])) == (("y", "x"), 37.7)
 
 
 def test_beds_steeper_than_the_limit_have_no_slope(session, tmp_path):
@@ -198,13 +187,6 @@ def test_every_frame_that_is_read_is_reported(session):
     session_map = slope_map.slope_map(session, "all", on_progress=lambda *counts: reports.append(counts))
     assert reports == [(number, len(reports)) for number in range(1, len(reports) + 1)]
     assert len(reports) >= session_map.minutes
-
-
-def test_files_go_to_the_campaigns_results(session):
-    done = fieldkit("map", session)
-    folder = session.parent.parent / "results" / session.stem
-    assert done.stdout.splitlines()[-2:] == [str(folder / "slope-map.png"), str(folder / "slope-map.nc")]
-    assert "b15" in done.stdout
 
 
 def test_what_only_regions_have_is_said(session, tmp_path):

@@ -10,22 +10,18 @@ import pytest
 
 import fieldkit
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import program
 
 PLACE = ["--site", "35.56,139.4,9"]
 SUN = ["sun", *PLACE, "--at", "2026-12-11T12:00+09:00"]
 PLAN = ["plan", "--for", "20m", *PLACE, "--on", "2026-12-11", "--facet", "5,180"]
 
 
-def started(words, **given):
-    command = [sys.executable, "-m", "fieldkit", *words]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, **given)
-
-
 @pytest.mark.parametrize("words", [SUN, [*SUN, "--json"]])
 def test_a_reader_that_had_enough_is_no_error(words):
-    process = started(words, stdout=subprocess.PIPE)
+    process = program(*words)
     process.stdout.close()
-    said = process.communicate(timeout=60)[1].decode()
+    said = process.communicate(timeout=60)[1]
     assert process.returncode == 0, said
     assert "error" not in said
 
@@ -33,8 +29,8 @@ def test_a_reader_that_had_enough_is_no_error(words):
 @pytest.mark.parametrize("words", [SUN, [*SUN, "--json"]])
 def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
     with open("/dev/full", "wb") as full:
-        process = started(words, stdout=full)
-        said = process.communicate(timeout=60)[1].decode()
+        process = program(*words, stdout=full)
+        said = process.communicate(timeout=60)[1]
     assert process.returncode == 6
     assert os.strerror(errno.ENOSPC) in said
     assert "bug" not in said
@@ -42,13 +38,13 @@ def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
 
 def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypatch):
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")
-    process = started(PLAN, stdout=subprocess.PIPE)
-    printed, said = (part.decode() for part in process.communicate(timeout=60))
+    process = program(*PLAN)
+    printed, said = process.communicate(timeout=60)
     assert process.returncode == 0, said
     assert "W/m2 per deg" in printed
-    process = started([*PLAN, "--json"], stdout=subprocess.PIPE)
-    document = json.loads(process.communicate(timeout=60)[0].decode("ascii"))
-    assert document["irradiance"] == "S 800 W/m² assumed"  # data are escaped, never replaced
+    document, _ = program(*PLAN, "--json").communicate(timeout=60)
+    assert document.isascii()
+    assert json.loads(document)["irradiance"] == "S 800 W/m² assumed"  # data are escaped, never replaced
 
 
 def test_a_recording_goes_on_where_nobody_reads_its_messages(tmp_path):

@@ -3,21 +3,19 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from contextlib import nullcontext
 
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.errors import RefusedError
 from fieldkit.recording import background
 from fieldkit.recording.running import session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 from fieldkit.sessions.reader import open_session
+from tests.harness import command_line
+from tests.harness.command_line import run_program, succeed
 from tests.harness.page import served
 from tests.harness.waiting import wait_until
 from tests.unit.recorder.test_fail_safe import Line
@@ -25,19 +23,18 @@ from tests.unit.recorder.test_fail_safe import Line
 
 @pytest.fixture
 def campaign(tmp_path):
-    assert CliRunner().invoke(main, ["init", "--simulated", str(tmp_path / "sand")]).exit_code == 0
+    succeed("init", "--simulated", tmp_path / "sand")
     yield tmp_path / "sand"
     run(tmp_path / "sand", "stop")
 
 
 def run(campaign, command, *words):
-    return CliRunner().invoke(main, [command, "-C", str(campaign), *words])
+    return command_line.fieldkit(command, "-C", campaign, *words)
 
 
 def detached(campaign, *words):
     """In a process of its own, which ends before the recording that it began."""
-    command = [sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--detach", *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return run_program("record", "-C", campaign, "--detach", *words)
 
 
 def test_a_recording_begins_at_its_time_and_ends_at_the_other(campaign):

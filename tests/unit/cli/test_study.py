@@ -90,6 +90,10 @@ def test_other_places_days_and_noise(recorded, tmp_path):
     assert document["site"]["timezone"] == "Etc/GMT-10"
     assert {row["start"] for row in document["errors"]} == {"10:00"}
     assert all(0.3 < row["tilt_mae"] < 6.0 for row in document["errors"])
+    (day,) = document["field"]  # beds of 5, 15 and 25 degrees, whose truth is in the session
+    assert day["rmse_k"] < 3.0
+    assert day["mean_tilt_error_deg"] < 4.0
+    assert (tmp_path / "figure-13.svg").exists()
 
 
 def test_sensitivity_shows_the_tolerance(recorded, tmp_path):
@@ -106,20 +110,3 @@ def test_night_has_no_study(tmp_path):
 
     with pytest.raises(NoAnswerError, match="sunlight"):
         run(tmp_path, *FEW, "--start", "22:00")
-
-
-@pytest.mark.slow
-def test_field_figures_of_a_recorded_session(tmp_path):
-    # the demo's clear winter day: beds of 5, 15 and 25 degrees whose truth is in the session
-    from fieldkit.cli import main
-
-    made = CliRunner().invoke(
-        main, ["demo", "--fast", "-C", str(tmp_path), "--out", "demo"], catch_exceptions=False
-    )
-    assert made.exit_code == 0
-    (session,) = (tmp_path / "demo" / "recordings").glob("*.h5")
-    document = json.loads(run(tmp_path / "study", *FEW, "--session", str(session), "--json").stdout)
-    (day,) = document["field"]
-    assert day["rmse_k"] < 3.0
-    assert day["mean_tilt_error_deg"] < 4.0
-    assert (tmp_path / "study" / "figure-13.svg").exists()

@@ -6,7 +6,6 @@ import pty
 import tomllib
 
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
@@ -17,6 +16,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Action
 from fieldkit.recording.adding import add_devices
 from fieldkit.recording.doctor import doctor
+from tests.harness import command_line
 from tests.harness.connected import plugged_in
 from tests.harness.network import NetworkAdapter
 from tests.harness.next_steps import steps
@@ -51,7 +51,7 @@ def file(tmp_path):
 
 
 def run(file, *words):
-    return CliRunner().invoke(main, ["devices", "--add", "-C", str(file.parent), *words])
+    return command_line.fieldkit("devices", "--add", "-C", file.parent, *words)
 
 
 def test_what_is_connected_is_added_and_every_comment_stays(plug, file):

@@ -34,25 +34,14 @@ from fieldkit.recording.requests import Acknowledgement, send_to_recorder
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.seldom import SELDOM
+from tests.harness.simulated import PAPER, record_simulated
 from tests.harness.waiting import PATIENCE_S, wait_until
 
-FAST = [
-    "simulation.speed=max",
-    'estimator.model="paper"',
-    'estimator.azimuth="known"',
-    "estimator.window_s=300",
-    *SELDOM,
-]
-PAPER = FAST[1:3]
 EACH_SECOND = ("lux.every_s=1", "thermometer.every_s=1")
 
 
-def recording_of(folder: Path, minutes: int, *settings: str, marks: Any = None) -> RecordedSession:
-    create_campaign(folder, SIMULATED)
-    config = load_config(folder / FILE_NAME, settings=[*FAST, *settings])
-    with prepare(config, RecordOptions(duration_s=60.0 * minutes)) as prepared:
-        return prepared.run()
+def recording_of(folder: Path, minutes: int, *settings: str) -> RecordedSession:
+    return record_simulated(folder, minutes, "estimator.window_s=300", *settings)
 
 
 def alarms_of(path: Path) -> list[Event]:

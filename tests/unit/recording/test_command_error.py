@@ -3,9 +3,7 @@
 import asyncio
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.cli.next_steps import in_commands
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError
@@ -16,11 +14,12 @@ from fieldkit.phrases import text_document
 from fieldkit.recording.background import RecordOptions, command_error
 from fieldkit.recording.record import prepare
 from fieldkit.results.session import open_session
+from tests.harness.command_line import succeed
 
 
 @pytest.fixture
 def config(tmp_path):
-    assert CliRunner().invoke(main, ["init", str(tmp_path / "field")]).exit_code == 0
+    succeed("init", tmp_path / "field")
     return load_config(tmp_path / "field" / FILE_NAME)
 
 

@@ -2,8 +2,6 @@
 
 import os
 import pty
-import subprocess
-import sys
 import threading
 import time
 import tty
@@ -11,10 +9,8 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import EventKind, Frame, Reading
@@ -31,6 +27,8 @@ from fieldkit.recording.running import previewing
 from fieldkit.results.check import check
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
+from tests.harness import command_line
+from tests.harness.command_line import program
 from tests.harness.page import served
 from tests.harness.recording import header
 from tests.harness.waiting import wait_until
@@ -70,8 +68,7 @@ def counting(tmp_path):
 @contextmanager
 def live(folder, *words):
     """``fieldkit live`` in a process of its own, which has the instruments from here on."""
-    command = [sys.executable, "-m", "fieldkit", "live", "-C", str(folder), *words]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with program("live", "-C", folder, *words, stdout=None) as process:
         wait_until(lambda: is_locked(folder / "recordings", ".preview") or process.poll(), "no preview")
         yield process
 
@@ -142,8 +139,8 @@ def test_without_a_preview_the_recording_begins_now_and_says_so(campaign):
 
 
 def test_a_recording_that_is_to_wait_begins_earlier_instead(campaign):
-    words = ["record", "-C", str(campaign.config.path.parent), "--at", "12:30", "--include-last", "2m"]
-    done = CliRunner().invoke(main, words)
+    folder = campaign.config.path.parent
+    done = command_line.fieldkit("record", "-C", folder, "--at", "12:30", "--include-last", "2m")
     assert done.exit_code == 2
     assert "--at" in done.stderr
 
@@ -151,7 +148,7 @@ def test_a_recording_that_is_to_wait_begins_earlier_instead(campaign):
 def test_a_preview_is_refused_while_another_has_the_instruments(campaign):
     folder = campaign.config.path.parent
     with previewing(campaign.config.recordings):
-        done = CliRunner().invoke(main, ["live", "-C", str(folder), "--for", "1s"])
+        done = command_line.fieldkit("live", "-C", folder, "--for", "1s")
     assert done.exit_code == 9
     assert f"{os.getpid()}" in done.stderr
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, time
 
 import numpy as np
 import pytest
@@ -184,3 +184,29 @@ def test_the_noise_is_that_of_the_settings():
     quiet = replace(SESSION, settings=replace(SESSION.settings, noise_k=1e-9))
     noise = _simulated_minutes(SESSION).temperature_k - _simulated_minutes(quiet).temperature_k
     assert np.std(noise) == pytest.approx(SESSION.settings.noise_k, rel=0.2)
+
+
+def behind(horizon):
+    """The plan of a day on which the horizon of the site is this one."""
+    settings = EstimatorSettings(horizon=horizon)
+    return plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
+
+
+def test_minutes_behind_the_horizon_are_not_planned_with():
+    made = behind(((169.9, 0.0), (170.0, 60.0), (220.0, 60.0), (220.1, 0.0)))
+    hidden = [row["sun_azimuth_deg"] for row in made.rows if row["verdict"].endswith("hides the sun")]
+    assert {170.0 < azimuth_deg < 220.0 for azimuth_deg in hidden} == {True}
+    east, north, _ = made.day_plan.sun[made.day_plan.best_minute()]
+    assert not 168.0 < np.degrees(np.arctan2(east, north)) % 360.0 < 222.0
+
+
+def test_a_horizon_above_the_sun_is_named_as_such():
+    (warning,) = behind(((0.0, 60.0), (180.0, 60.0))).warnings
+    assert "horizon" in warning
+
+
+def test_a_session_behind_a_ridge_is_predicted_in_its_shadow():
+    ridge = ((179.0, 0.0), (180.0, 40.0), (300.0, 40.0), (301.0, 0.0))
+    sessions = (behind(horizon).session(60, at=time(14, 0)) for horizon in ((), ridge))
+    in_the_sun, shaded = (_simulated_minutes(session).temperature_k[-1] for session in sessions)
+    assert (shaded < in_the_sun - 5.0).all()

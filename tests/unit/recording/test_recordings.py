@@ -4,8 +4,6 @@ import json
 import os
 import shutil
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,9 +13,9 @@ from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
 from fieldkit.recording.recordings import session_path, sessions_in
+from tests.harness.command_line import run_program
 from tests.harness.page import campaign
 from tests.harness.recording import header, recorded
-from tests.harness.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")
@@ -118,20 +116,15 @@ def test_other_names_of_sessions_are_free(recordings):
         assert session_path(config, name, 0).name == f"19700101T000000Z-{name}.h5"
 
 
-def fieldkit(*words: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "fieldkit", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
-
-
 def test_a_pipe_among_the_sessions_holds_up_no_command(recordings):
     os.mkfifo(recordings / "pipe.h5")
     (recordings / "b.h5.journal").mkdir()
     os.mkfifo(recordings / "b.h5.journal" / "lock")
-    done = fieldkit("ls", "-C", recordings.parent, "--json")
+    done = run_program("ls", "-C", recordings.parent, "--json")
     assert [session["name"] for session in json.loads(done.stdout)["sessions"]] == ["a.h5", "b.h5"]
     assert str(recordings / "pipe.h5") in done.stderr
-    assert fieldkit("status", "-C", recordings.parent).returncode == 9  # nothing is recorded
-    named = fieldkit("show", recordings / "pipe.h5")
+    assert run_program("status", "-C", recordings.parent).returncode == 9  # nothing is recorded
+    named = run_program("show", recordings / "pipe.h5")
     assert (named.returncode, "pipe.h5" in named.stderr) == (3, True)
 
 

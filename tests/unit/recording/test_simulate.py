@@ -64,23 +64,13 @@ def test_a_campaign_made_in_python_takes_regions_and_is_recorded(tmp_path):
     assert corner.points_px == ((1, 1), (12, 1), (12, 12), (1, 12))
     campaign.add_region("tilt-alone", rect=(20, 1, 12, 12), tilt_deg=15)  # the azimuth is not known
     assert math.isnan(campaign.regions[-1].azimuth_deg)
+    with pytest.raises(ConfigError):
+        init_campaign(tmp_path / "d", (135.0, 0.0))
+    assert not (tmp_path / "d").exists()
     with pytest.raises(ConfigError, match="soon"):
         record(campaign, duration="soon")
     with pytest.raises(ConfigError, check=at("nothing", Argument("points"), Argument("rect"))):
         campaign.add_region("nothing")
-
-
-def test_a_new_campaign_has_the_site_it_was_given(tmp_path):
-    site = init_campaign(tmp_path / "c", (35.5, 139.4, 9.0)).config.site
-    assert (site.latitude_deg, site.longitude_deg, site.elevation_m, site.timezone) == (
-        35.5,
-        139.4,
-        9.0,
-        "Etc/GMT-9",
-    )
-    with pytest.raises(ConfigError):
-        init_campaign(tmp_path / "d", (135.0, 0.0))
-    assert not (tmp_path / "d").exists()
 
 
 def test_the_seed_draws_the_field_where_that_is_configured(tmp_path):

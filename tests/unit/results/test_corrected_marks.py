@@ -6,10 +6,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.cli import main
 from fieldkit.estimation.shade_evidence import DoubtfulShade
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.finding import Finding
@@ -22,6 +20,7 @@ from fieldkit.sessions.layout import LATER_EVENTS
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness import command_line
 from tests.harness.recording import CountedClock, fill, header
 
 
@@ -176,7 +175,7 @@ def test_a_shade_test_taken_back_has_no_effect_on_the_slopes(sessions, shaded):
     plain, marked = slopes(sessions[0]), slopes(shaded)
     assert (plain[1], marked[1]) == (0, 3)
     assert repr(slopes(shaded, without_marks=["shade-test b15"])) == repr(plain)
-    found = CliRunner().invoke(main, ["estimate", str(shaded), "--without-mark", "2"])
+    found = command_line.fieldkit("estimate", shaded, "--without-mark", "2")
     assert "'2'" in found.output
     assert "its marks: 1 shade-test b15" in found.output
     assert repr(slopes(shaded)) == repr(marked)

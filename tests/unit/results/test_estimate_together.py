@@ -6,16 +6,15 @@ import shutil
 from types import MappingProxyType
 
 import pytest
-from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.batch import estimate_sessions
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.time_map import TimeStep
+from tests.harness import command_line
 
 DAY_NS = 86_400_000_000_000
 SITE = "35.558675,139.395232,9"
@@ -30,7 +29,7 @@ def days(sessions, tmp_path):
 
 
 def typed(*arguments):
-    return CliRunner().invoke(main, ["estimate", *map(str, arguments)])
+    return command_line.fieldkit("estimate", *arguments)
 
 
 def test_one_slope_of_each_region_by_all_sessions_in_files_of_their_own(days, tmp_path):

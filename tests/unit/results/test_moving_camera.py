@@ -16,7 +16,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from tests.harness.nadir_camera import LENS, on_ground, write_trajectory
-from tests.harness.seldom import SELDOM
+from tests.harness.simulated import record_simulated
 
 MOVING = ("simulation.drift_px=[-6.0, 8.0]", "simulation.pan_deg=3.0", "simulation.jitter_px=2.0")
 MOTION = Motion((-6.0, 8.0), 3.0)
@@ -24,11 +24,7 @@ POSE_ERROR_DEG = 0.2
 
 
 def recorded(folder, minutes, *settings, tables=SIMULATED):
-    create_campaign(folder, tables)
-    paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
-    config = load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings])
-    with prepare(config, RecordOptions(duration_s=60.0 * minutes)) as ready:
-        done = ready.run()
+    done = record_simulated(folder, minutes, *settings, tables=tables)
     assert done.summary.failure is None
     return done.path
 

@@ -1,4 +1,4 @@
-"""A ridge that hides the sun from one bed for some of the minutes around noon, and the same without it."""
+"""A ridge, or a bed beside it, hides the sun from a bed for some of its minutes, and the same without it."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import tilt_azimuth
-from fieldkit.physics.horizon import MINUTE_EDGE_DEG, Horizon, sunlit_share
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, Horizon, horizon_of_neighbours, sunlit_share
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.predict import field_history
 from fieldkit.simulation.facets import GROUND, Facet
@@ -26,19 +26,18 @@ TILT_DEG = 15.0
 
 
 class Hours(NamedTuple):
-    """Minutes around noon, those that the ridge hides, and the beds."""
+    """Minutes, their beginning, the beds, and which minutes the ridge hides."""
 
     minutes: int
-    hidden: tuple[int, int]
+    start_ns: int
     beds: tuple[Facet, ...]
-
-    @property
-    def start_ns(self) -> int:
-        return ALAMOSA_NOON_NS - self.minutes // 2 * MINUTE_NS
+    hidden: tuple[int, ...] = ()
 
 
-THREE = Hours(180, (80, 120), BEDS)
-TWO = Hours(120, (50, 80), tuple(bed for bed in BEDS if bed.name in ("flat", "b15")))
+THREE = Hours(180, ALAMOSA_NOON_NS - 90 * MINUTE_NS, BEDS, (80, 120))
+FLAT_AND_B15 = tuple(bed for bed in BEDS if bed.name in ("flat", "b15"))
+TWO = Hours(120, ALAMOSA_NOON_NS - 60 * MINUTE_NS, FLAT_AND_B15, (50, 80))
+AFTERNOON = Hours(210, ALAMOSA_NOON_NS + 30 * MINUTE_NS, BEDS)
 
 
 def ridge(hours: Hours) -> Horizon:
@@ -79,3 +78,23 @@ def test_with_the_horizon_a_ridge_adds_no_bias(model, hours):
     # without it: another slope, or none
     untold = last_estimate(model, hours, behind, ())
     assert untold.state not in SOLVED or abs(untold.tilt_deg - TILT_DEG) >= undisturbed + 5.0
+
+
+BED = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.4, 0.4, 0.0], [0.0, 0.4, 0.0]])
+NEIGHBOUR = BED * [0.4, 0.4, 1.0] + [-2.1, -3.3, 1.9]
+"""Narrower, 4 m to the south-west and 1.9 m higher."""
+
+
+def test_the_horizon_of_a_neighbour_keeps_the_slope_of_a_bed():
+    horizon = horizon_of_neighbours(BED, [NEIGHBOUR])
+    times_ns = AFTERNOON.start_ns + np.arange(AFTERNOON.minutes) * MINUTE_NS
+    hidden = np.flatnonzero(sunlit_share(horizon, sun_vectors(times_ns, packaged_day().site)) == 0.0)
+    assert 15 < hidden.size < 80
+
+    def tilt_deg(horizon: Horizon, known: Horizon) -> float:
+        return last_estimate("paper", AFTERNOON, horizon, known).tilt_deg
+
+    in_the_sun = tilt_deg((), horizon)  # the same minutes excluded, and nothing in the way
+    assert abs(tilt_deg(horizon, horizon) - in_the_sun) <= 0.1
+    assert abs(in_the_sun - tilt_deg((), ())) <= 0.5
+    assert not abs(tilt_deg(horizon, ()) - in_the_sun) < 1.0  # another slope, or none

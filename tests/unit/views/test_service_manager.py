@@ -4,18 +4,16 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.record import prepare
 from fieldkit.views.service_manager import RecordingReports, notify
+from tests.harness.command_line import program, succeed
 from tests.harness.service_manager import ServiceManager
 
 SILENCE_S = 3.0  # of a feed that comes once a second
@@ -33,7 +31,7 @@ def manager(tmp_path, monkeypatch):
 @pytest.fixture
 def folder(tmp_path):
     folder = tmp_path / "campaign"
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    succeed("init", "--simulated", folder)
     return folder
 
 
@@ -42,13 +40,9 @@ def record(folder):
     """Begins a recording in a process of its own, at the pace of real time; ends what is left of it."""
     begun = []
 
-    def begin(**environment: str) -> subprocess.Popen[bytes]:
-        words = [sys.executable, "-m", "fieldkit", "record", "-C", str(folder), "-q"]
-        begun.append(
-            subprocess.Popen(
-                [*words, "--name", "beds", "--set", "simulation.speed=1"], env={**os.environ, **environment}
-            )
-        )
+    def begin(**environment: str) -> subprocess.Popen[str]:
+        words = ("record", "-C", folder, "-q", "--name", "beds", "--set", "simulation.speed=1")
+        begun.append(program(*words, stdout=None, stderr=None, env={**os.environ, **environment}))
         return begun[-1]
 
     yield begin
