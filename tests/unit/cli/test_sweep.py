@@ -16,7 +16,7 @@ from fieldkit import __version__
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.minutes import solve
 from fieldkit.sessions.reader import open_session
-from tests.harness.command_line import fieldkit, invoke, succeed
+from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.two_sessions import copy_of_both
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
@@ -67,7 +67,7 @@ def test_a_sweep_has_a_row_for_each_session_set_and_bed(swept):
 
 def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, swept, tmp_path):
     settings = ("--set", "surface.albedo=0.25", "--set", "surface.emissivity=0.88", *PAPER)
-    succeed("estimate", recordings, *settings, "-o", tmp_path / "one.csv")
+    succeed("estimate", recordings, *settings, "-j", 1, "-o", tmp_path / "one.csv")
     solved = ("ok", "flat", "wide", "not_resolved")
     b25 = [row for row in rows(tmp_path / "one.csv") if (row["session"][-2:], row["region"]) == ("s2", "b25")]
     minutes = [row for row in b25 if row["state"] in solved]
@@ -201,8 +201,7 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
 
 
 def test_best_parameters_and_their_worth_are_told(swept):
-    document = json.loads((swept / "printed").read_text("utf-8"))
-    ranking = document["ranking"]
+    ranking = json.loads((swept / "printed").read_text("utf-8"))["ranking"]
     assert ranking["sessions"] == 2
     assert set(ranking["sensitivity"]) == {"surface.albedo", "surface.emissivity"}
     table = rows(swept / "results" / "r.csv")
@@ -219,9 +218,9 @@ def test_estimate_of_many_prints_each_and_keeps_every_minute(recordings, tmp_pat
     table = rows(tmp_path / "base.csv")
     assert {row["session"][-2:] for row in table} == {"s1", "s2"}
     assert {"time", "region", "tilt_deg", "flags", "temperature_k", "irradiance_w_m2"} <= set(table[0])
-    documents = json.loads(fieldkit("estimate", recordings, *PAPER, "--json").stdout)["sessions"]
-    assert [len(document["slopes"]) for document in documents] == [3, 3]
-    assert {document["minutes"] for document in documents} <= {11, 12}  # eleven, and what began of the next
+    documents = document("estimate", recordings, *PAPER, "-j", 1)["sessions"]
+    assert [len(found["slopes"]) for found in documents] == [3, 3]
+    assert {found["minutes"] for found in documents} <= {11, 12}  # eleven, and what began of the next
 
 
 def test_a_session_named_twice_counts_once(recordings, tmp_path):

@@ -104,6 +104,22 @@ def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, key):
     assert text_document(error.value.words)["key"] == f"refused.{key}"
 
 
+@pytest.mark.parametrize("odd", ["a\x00b", "a\ud800b", "\udc00", "\x1b[2J"])
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"do": "start", "name": "x"},
+        {"do": "mark", "text": "x"},
+        {"do": "mark", "text": "wind", "kind": "x"},
+        {"do": "acknowledge", "alarm": "x"},
+    ],
+)
+def test_text_that_is_not_text_is_refused_as_such(body, odd):
+    with pytest.raises(BadRequestError) as error:
+        parse(json.dumps(body).replace('"x"', json.dumps(odd)))
+    assert error.value.key == "refused.not_text"
+
+
 @pytest.mark.parametrize(
     "text",
     [

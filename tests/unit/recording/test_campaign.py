@@ -125,7 +125,7 @@ def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_p
     found = campaign.sweep({"albedo": np.array([0.20, 0.25]), "estimator.model": ["paper", "full"]})
     frame = found.to_frame()
     grid = ("--set", "surface.albedo=0.2,0.25", "--set", "estimator.model=paper,full")
-    told = document("sweep", folder / "recordings", *grid, "-o", tmp_path / "x")["ranking"]
+    told = document("sweep", folder / "recordings", *grid, "-j", 1, "-o", tmp_path / "x")["ranking"]
     written = pd.read_csv(tmp_path / "x.csv", comment="#")
     assert len(frame) == len(written) == 2 * 4 * 3
     assert frame["median_abs_error_deg"].tolist() == pytest.approx(
