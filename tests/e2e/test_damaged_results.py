@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -14,7 +14,6 @@ from fieldkit.sessions.reader import open_session
 from tests.harness import command_line
 
 READINGS = (300, 301, 302)
-Damage = Callable[[Path, int], None]
 
 
 def fieldkit(*words: object) -> str:

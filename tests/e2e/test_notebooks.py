@@ -8,7 +8,6 @@ is tried by the tests of each command.
 import os
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import nbclient
@@ -19,7 +18,6 @@ from fieldkit.config.template import SIMULATED
 
 NOTEBOOKS = Path(__file__).parents[2] / "docs" / "tutorial" / "notebooks"
 TRUE_TILT_DEG = {one["name"]: one["tilt_deg"] for one in SIMULATED["region"] if "tilt_deg" in one}
-Printed = Callable[[str], str]
 
 
 @pytest.fixture

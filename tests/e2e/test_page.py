@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import subprocess
-import time
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -23,7 +22,7 @@ from fieldkit.page.sessions import identifier
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
 from tests.harness.command_line import program
-from tests.harness.page import HOST, Answer, Browser, Served, campaign, free_port, lost_nothing, served
+from tests.harness.page import HOST, Answer, Served, campaign, free_port, lost_nothing, served
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 ALL_FRAMES = "record.sampling=all"
@@ -36,11 +35,9 @@ class OwnProcess(Served):
 
     process: subprocess.Popen[str]
 
-    def cookie(self, role: Any = "control") -> str:
-        key = Keys(self.folder / "recordings").new_link(role)
-        answer = self.ask("POST", "/key", {"key": key}, Origin=self.origin)
-        assert answer.status == 200, answer
-        return answer.headers["set-cookie"].partition(";")[0]
+    @property
+    def keys(self) -> Keys:
+        return Keys(self.folder / "recordings")
 
     @property
     def folder(self) -> Path:
@@ -72,21 +69,11 @@ def started(folder: Path) -> Iterator[OwnProcess]:
             process.wait(PATIENCE_S)
 
 
-def phase(browser: Browser, wanted: str) -> dict[str, Any]:
-    """The next state of that phase."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        state = browser.next("state")
-        if state["phase"] == wanted:
-            return state
-    raise AssertionError(f"never {wanted}")
-
-
 def test_a_day_at_the_beds(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder, preview=True, record__sampling="all") as page, page.browser() as browser:
         assert browser.next("hello")["site"]["zone"] == "America/Denver"
-        phase(browser, "preview")
+        browser.next("state", phase="preview")
         browser.request(do="picture", mode="jpeg")
         header, _ = browser.picture()
         assert (header["rows"], header["cols"], header["mode"]) == (120, 160, "jpeg")
@@ -108,7 +95,7 @@ def test_a_day_at_the_beds(tmp_path):
         assert answer["ok"], answer
         answer = browser.request(do="stop", confirm=True)
         assert answer["ok"], answer
-        phase(browser, "preview")
+        browser.next("state", phase="preview")
 
         (listed,) = browser.request(do="sessions")["data"]
         assert (listed["state"], listed["id"]) == ("sealed", identifier(Path(f"{name}.h5")))
@@ -143,13 +130,13 @@ def record(folder: Path, seconds: int) -> subprocess.Popen[str]:
 def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder, preview=True) as page, page.browser("view") as browser:
-        phase(browser, "preview")
+        browser.next("state", phase="preview")
         recorder = record(folder, 8)
-        state = phase(browser, "recording")
+        state = browser.next("state", phase="recording")
         assert not state["ours"]
         browser.request(do="picture", mode="exact")
         assert browser.picture()[0]["mode"] == "exact"
-        phase(browser, "preview")
+        browser.next("state", phase="preview")
         assert recorder.wait(PATIENCE_S) == 0
 
 
@@ -184,7 +171,7 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path):
         answer = browser.request(do="skyline", points=[[1, 20], [18, 10]])
         assert (answer["ok"], answer["key"]) == (False, "refused.horizon_kept"), answer
         assert browser.request(do="stop", confirm=True)["ok"]
-        phase(browser, "no-instruments")  # its process has ended, too
+        browser.next("state", phase="no-instruments")  # its process has ended, too
     (path,) = (folder / "recordings").glob("*.h5")
     with open_session(path) as session:
         kinds = [event.kind for event in session.events() if "request" in event.data]

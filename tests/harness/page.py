@@ -20,6 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 from fieldkit.config import load_config
 from fieldkit.model.samples import EventKind
 from fieldkit.page.checks import CHECKS, Check
+from fieldkit.page.keys import Keys
 from fieldkit.page.server import Page, listening, server
 from fieldkit.page.viewer import Role
 from fieldkit.recording.campaign import init_campaign
@@ -71,6 +72,10 @@ class Served:
     def origin(self) -> str:
         return f"http://{self.host}"
 
+    @property
+    def keys(self) -> Keys:
+        return self.page.keys
+
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> Answer:
         """A request; underscores of header names become dashes, Host and all else as given."""
         sent = {name.replace("_", "-"): value for name, value in headers.items()}
@@ -89,7 +94,7 @@ class Served:
 
     def cookie(self, role: Role = "control") -> str:
         """A browser's cookie, for a new link."""
-        key = self.page.keys.new_link(role)
+        key = self.keys.new_link(role)
         answer = self.ask("POST", "/key", {"key": key}, Origin=self.origin)
         assert answer.status == 200, answer
         return answer.headers["set-cookie"].partition(";")[0]

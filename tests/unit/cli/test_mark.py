@@ -134,19 +134,10 @@ def test_interrupted_sessions_are_not_in_progress(campaign):
     assert session_in_progress(campaign / "nowhere") is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "place"),
-    [
-        (("--from", "-1m", "--until", "-4m"), "--until: "),
-        (("--from", "-1m", "--until", "2026-01-01T00:00Z"), "--until: "),
-        (("--at", "2926-12-11T12:31Z"), "2926-12-11T12:31:00+00:00: "),
-        (("--at", "-99999h"), "-3.59996e+08 s: "),
-    ],
-)
-def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments, place):
-    result = run("mark", "-C", campaign, "x", *arguments)
+def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording):
+    result = run("mark", "-C", campaign, "x", "--from", "-1m", "--until", "-4m")
     assert result.exit_code == 2
-    assert place in result.stderr
+    assert "--until: " in result.stderr
     assert not any((recording / "running.h5.journal" / "marks").iterdir())
 
 

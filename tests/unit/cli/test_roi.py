@@ -114,11 +114,8 @@ def test_the_first_region_may_be_a_target(roi, tmp_path):
         (("b15", "--rect", "1,1,9,1"), 2, "at least 2 pixels"),
         (("b15", "--rect", "1,1,9,9", "--ground"), 2, "--pose and --ground are for --points"),
         (("b15", "--ground", "--points", "1,1", "2,2", "3,1"), 3, "camera.pose"),
-        (("b15", "--points", "1,1", "2,2"), 3, "at least 3"),
         (("b15", "--points", "1,1", "2,x", "3,3"), 2, "expected X,Y"),
         (("b15", "--rect", "150,100,32,61"), 3, "160 x 120"),
-        (("b15", "--reference", "--rect", "1,1,9,9", "--tilt", "15"), 3, "azimuth"),
-        (("b15", "--rect", "1,1,9,9", "--tilt", "95"), 2, "0<=x<=90"),
     ],
 )
 def test_what_is_no_region_is_not_added(refused, arguments, code, said):

@@ -93,6 +93,8 @@ def test_a_mark_within_the_recording_is_possible(mark):
         (Mark("x", at=-60.0, to="2026-12-11T12:30:00+09:00"), "2026-12-11T12:30:00+09:00"),
         (Mark("x", at="2927-01-01T12:00:00+00:00"), "2927-01-01T12:00:00+00:00"),
         (Mark("x", at=-60.0, to=-90.0), Argument("to")),
+        (Mark("x", at=-60.0, to="2026-12-11T11:30:00+09:00"), Argument("to")),
+        (Mark("x", at=-99999 * 3600.0), "-3.59996e+08 s"),
     ],
 )
 def test_a_mark_outside_the_recording_is_rejected(mark, place):

@@ -78,9 +78,7 @@ def test_wheel_has_north_up_and_east_to_the_right():
 
 def test_two_slopes_are_hatched_over_their_colour(regions):
     sure, doubtful = (
-        cv2.imdecode(
-            np.frombuffer(slope_map_image.png(slope_map(state=state), bounds(), regions), np.uint8), 1
-        )
+        decoded(slope_map_image.png(slope_map(state=state), bounds(), regions))
         for state in (SlopeState.OK, SlopeState.NOT_RESOLVED)
     )
     assert sure.shape == doubtful.shape
@@ -92,10 +90,7 @@ def test_two_slopes_are_hatched_over_their_colour(regions):
 
 
 def test_outlines_and_names_are_drawn(regions):
-    plain, drawn = (
-        cv2.imdecode(np.frombuffer(slope_map_image.png(slope_map(), bounds(), given), np.uint8), 1)
-        for given in ((), regions)
-    )
+    plain, drawn = (decoded(slope_map_image.png(slope_map(), bounds(), given)) for given in ((), regions))
     changed = (plain != drawn).any(axis=-1)
     for region in regions:
         x, y = np.mean(region.points_px, axis=0) * 24 + 12
