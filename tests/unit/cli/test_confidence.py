@@ -6,8 +6,7 @@ import h5py
 import pytest
 from scipy.stats import norm
 
-from fieldkit.model.errors import ConfigError
-from tests.harness.command_line import document, invoke, succeed
+from tests.harness.command_line import document, succeed
 from tests.harness.seldom import SET_SELDOM
 
 FAST = ("--set", "simulation.speed=max", *SET_SELDOM)
@@ -76,9 +75,3 @@ def test_intervals_are_as_much_wider_as_those_of_a_normal_distribution(session):
         assert outer["tilt_deg"] == inner["tilt_deg"]
         assert outer["tilt_region_deg"][0] <= inner["tilt_region_deg"][0]
         assert outer["tilt_region_deg"][1] >= inner["tilt_region_deg"][1]
-
-
-@pytest.mark.parametrize("confidence", ["0.49", "0.995", "90"])
-def test_a_confidence_outside_its_range_is_refused(session, confidence):
-    with pytest.raises(ConfigError, match=r"0\.5 to 0\.99"):
-        invoke("estimate", session, "--set", f"estimator.confidence={confidence}")

@@ -12,7 +12,6 @@ from click.testing import Result
 
 import fieldkit
 from fieldkit.model.errors import ConfigError, RefusedError
-from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.request_reader import RequestReader
@@ -23,7 +22,7 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.command_line import document, invoke, succeed
 from tests.harness.command_line import fieldkit as run
-from tests.harness.next_steps import at, steps
+from tests.harness.next_steps import at
 from tests.harness.recording import CountedClock, fill, header, session_of
 from tests.harness.waiting import wait_until
 
@@ -117,11 +116,6 @@ def test_a_mark_right_after_the_start_waits_until_the_recording_accepts_it(campa
     mark(campaign, "sun")
     later.join()
     assert [event.text for event in events_in(recording)] == ["sun"]
-
-
-def test_without_a_recording_it_says_so_and_exits_9(campaign):
-    with pytest.raises(RefusedError, check=lambda error: steps(error) == [Action.RECORD()]):
-        invoke("mark", "-C", campaign, "hello")
 
 
 def test_only_the_session_that_is_being_written_is_in_progress(recording):

@@ -125,7 +125,3 @@ def test_a_recorder_that_writes_is_not_told_of(campaign, recording):
     recording("close")
     assert json.loads(fieldkit("status", "-C", campaign, "--json").stdout)["responds"]
     assert "a.h5: x" in fieldkit("mark", "-C", campaign, "x").stderr
-
-
-def test_without_a_recording_there_is_nothing_to_stop(campaign):
-    assert stop(campaign).exit_code == 9

@@ -53,14 +53,6 @@ def test_a_scale_without_a_known_bed_is_refused_without_a_warning(session):
             invoke("calibrate", "surface", session, "--set", "estimator.model=paper")
 
 
-def test_the_report_of_several_without_beds_says_that_nothing_was_found(session):
-    other = session.with_name("other.h5")
-    other.write_bytes(session.read_bytes())
-    succeed("report", session.parent)
-    text = (session.parent.parent / "reports" / "campaign.html").read_text("utf-8")
-    assert not re.search(r"[\d.]+° over", text)
-
-
 @pytest.fixture
 def undrawn(tmp_path):
     """A simulated campaign before anybody has drawn a region."""

@@ -49,6 +49,8 @@ def test_every_number_has_two_limits():
         ("estimator.longwave_down_w_m2=1e9", "0 to 700", ""),
         ("estimator.longwave_down_w_m2=0.3", "40 to 700", "300 if it is in kW/m²"),
         ("estimator.longwave_down_w_m2=30", "40 to 700", "300 if it is in mW/cm²"),
+        ("estimator.confidence=0.49", "0.5 to 0.99", ""),
+        ("estimator.confidence=90", "0.5 to 0.99", "0.9 if it is in %"),
         ("estimator.window_s=20", "60 to 86400", "1200 if it is in minutes"),
         ("air.density_kg_m3=0.00121", "0.3 to 2", "1.21 if it is in g/cm³"),
         ("air.heat_capacity_j_kg_k=1.005", "500 to 2500", "1005 if it is in kJ/(kg K)"),

@@ -9,7 +9,6 @@ import pytest
 
 import fieldkit
 from fieldkit.model.errors import ConfigError
-from fieldkit.results.batch import estimate_sessions
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
@@ -92,15 +91,6 @@ def test_one_session_or_another_model_cannot_be_joined(days):
         fieldkit.estimate_together(days, model="full")
     assert "estimator.model" in refused.value.fix
     assert typed(*days, "--together", "-j", 2).exit_code == 2
-
-
-@pytest.mark.slow
-def test_single_estimates_are_what_they_were(days):
-    alone = estimate_sessions(days).estimates
-    fieldkit.estimate_together(days)
-    again = estimate_sessions(days).estimates
-    for name, estimates in alone.items():
-        assert estimates.rows.tobytes() == again[name].rows.tobytes()
 
 
 TEMPERATURES = MappingProxyType({0: (325.2, 323.6), 5: (325.1, 323.5), 10: (325.0, 323.45)})
