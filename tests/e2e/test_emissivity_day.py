@@ -244,19 +244,3 @@ def test_other_ways_to_the_same_emissivity(emissivity_day, tmp_path, options):
     found = calibrated("emissivity", session, "--sample", "x", *options)
     assert found["value"] == pytest.approx(TRUE_EMISSIVITY, abs=0.02)
     assert found["expanded_uncertainty"] < 0.06
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--region", "mud"), "no region 'mud'"),
-        (("--channel", "9"), "no probe '9'"),
-        (("--reflected", "mirror"), "no region 'mirror'"),
-        (("--band", "7,8,9"), "--band 7,8,9: "),
-        (("--tape", "sand"), "sand: "),
-        (("--region", "steep", "--tape", "steep", "--reflected", "-46"), "steep: "),
-    ],
-)
-def test_what_is_not_there_is_told_with_what_is(emissivity_day, options, said):
-    refused = fieldkit("calibrate", "emissivity", emissivity_day, "--sample", "x", *options, code=3)
-    assert said in refused.output

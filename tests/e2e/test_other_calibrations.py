@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldkit.calibration.emissivity import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Sample
 from fieldkit.recording.in_progress import status, stop
@@ -337,21 +336,6 @@ def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds, 
 def test_a_phones_time_without_a_terminal_is_refused(beds):
     shown = datetime.now(UTC).isoformat()
     assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--at", shown, code=2).output
-
-
-@pytest.mark.parametrize(
-    ("verb", "option"),
-    [("emissivity", "--sample"), ("uniformity", "--name"), ("irradiance", "--name"), ("surface", "--name"),
-     ("clock", "--name")],
-)  # fmt: skip
-def test_a_records_name_with_a_slash_is_refused_before_anything_is_read(verb, option):
-    refused = fieldkit("calibrate", verb, "absent.h5", option, "sand/dry", code=2).output
-    assert "'sand-dry'" in refused.replace("│", " ")
-
-
-def test_one_temperature_is_refused_at_once():
-    refused = fieldkit("calibrate", "emissivity", "--sample", "sand", "--temperatures", "1", code=2).output
-    assert f"x>={MIN_PAIRS}" in refused
 
 
 def uniform(source: Path, to: Path, offsets_k: dict[str, float], hours_later: float = 0.0) -> Path:

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import COMMANDS, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
+from fieldkit.cli.types import RECORD_NAME
 from tests.harness.command_line import fieldkit, succeed
 
 COMMAND_NAMES = [name for summaries in COMMANDS.values() for name in summaries]
@@ -116,3 +117,8 @@ def test_no_option_of_a_number_takes_one_that_is_not_finite():
         for text in ("nan", "inf", "-inf"):
             with pytest.raises(click.BadParameter, match="a number"):
                 pytest.fail(f"{name} {option} takes {kind.convert(text, None, None)}")
+
+
+def test_a_record_has_a_name_that_a_file_can_have():
+    with pytest.raises(click.BadParameter, match="'sand-dry'"):
+        RECORD_NAME.convert("sand/dry", None, None)
