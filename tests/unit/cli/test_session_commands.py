@@ -48,6 +48,17 @@ def campaign(recordings, tmp_path):
     return tmp_path
 
 
+@pytest.fixture
+def sealed(campaign):
+    return campaign / "recordings" / "20261211T025512Z-a.h5"
+
+
+@pytest.fixture
+def crashed(campaign):
+    """The session that was interrupted."""
+    return campaign / "recordings" / "20261212T025512Z-b.h5"
+
+
 def test_ls_tells_state_length_and_samples(campaign):
     lines = fieldkit("ls", campaign).stdout.splitlines()
     assert lines[0].split()[:2] == ["session", "state"]
@@ -80,12 +91,11 @@ def test_show_without_a_name_shows_the_newest(campaign):
     assert shown["events"][0]["text"] == "wolke über b05"
 
 
-def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign):
+def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign, sealed):
     done = fieldkit("check", campaign, "--no-estimates")
     assert done.exit_code == IntegrityError.exit_code
     assert "FAIL  state" in done.stdout
-    good = campaign / "recordings" / "20261211T025512Z-a.h5"
-    (session,) = document("check", good, "--no-estimates")["sessions"]
+    (session,) = document("check", sealed, "--no-estimates")["sessions"]
     assert session["level"] in ("ok", "warn")
     assert any("20 samples" in finding["text"] for finding in session["findings"])
 
@@ -136,26 +146,24 @@ def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(cam
     assert "recovered" in fieldkit("ls", "-C", campaign).stdout
 
 
-def test_lost_samples_are_named_on_the_screen_and_in_json(campaign):
-    path = campaign / "recordings" / "20261211T025512Z-a.h5"
-    whole = path.read_bytes()
-    with h5py.File(path) as file:
+def test_lost_samples_are_named_on_the_screen_and_in_json(sealed):
+    whole = sealed.read_bytes()
+    with h5py.File(sealed) as file:
         last = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0)).byte_offset
-    path.write_bytes(whole[: last + 10])
-    damaged = fieldkit("recover", path)
+    sealed.write_bytes(whole[: last + 10])
+    damaged = fieldkit("recover", sealed)
     assert damaged.exit_code == IntegrityError.exit_code
     assert "LOST camera: 2 samples, " in damaged.stdout
     assert "18 to 19, after 2016-11-24T15:06:45" in damaged.stdout
-    path.write_bytes(whole[: last + 10])
-    (session,) = json.loads(fieldkit("recover", path, "--json").stdout)["sessions"]
+    sealed.write_bytes(whole[: last + 10])
+    (session,) = json.loads(fieldkit("recover", sealed, "--json").stdout)["sessions"]
     (lost,) = [lost for lost in session["lost"] if lost["stream"] == "camera"]
     assert (lost["first"], lost["last"], lost["samples"], lost["before"]) == (18, 19, 2, None)
 
 
 @pytest.mark.parametrize("verb", ["check", "estimate", "replay", "report", "show"])
-def test_every_verb_offers_to_recover_an_interrupted_session(campaign, verb):
-    path = campaign / "recordings" / "20261212T025512Z-b.h5"
-    assert f"fieldkit recover {path}" in fieldkit(verb, path).stderr
+def test_every_verb_offers_to_recover_an_interrupted_session(crashed, verb):
+    assert f"fieldkit recover {crashed}" in fieldkit(verb, crashed).stderr
 
 
 def test_a_sealed_session_is_not_offered_to_be_recovered(campaign):
@@ -175,36 +183,33 @@ def test_calibration_says_which_samples_it_is_made_without(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["csv", "netcdf", "mcap", "tiff"])
-def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign, kind):
-    path = campaign / "recordings/20261211T025512Z-a.h5"
-    with h5py.File(path, "r+") as file:
+def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign, sealed, kind):
+    with h5py.File(sealed, "r+") as file:
         file["camera/fpa_temperature"][4] += 1.0
-    done = fieldkit("export", path, "--to", kind, "-o", campaign / "out")
+    done = fieldkit("export", sealed, "--to", kind, "-o", campaign / "out")
     assert done.exit_code == IntegrityError.exit_code
     assert "1 of 20 samples" in done.stderr
-    assert f"fieldkit check {path}" in done.stderr
+    assert f"fieldkit check {sealed}" in done.stderr
     files = [Path(line) for line in done.stdout.splitlines() if not line.startswith("and")]
     assert files
     assert all(file.exists() for file in files)
-    succeed("export", path, "--to", "mcap", "--stream", "lux", "-o", campaign / "lux")
+    succeed("export", sealed, "--to", "mcap", "--stream", "lux", "-o", campaign / "lux")
 
 
-def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(campaign, tmp_path):
-    path = campaign / "recordings/20261211T025512Z-a.h5"
-    succeed("export", path, "--to", "csv")
-    assert list((campaign / "results" / path.stem).glob("*.csv"))
+def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(sealed, tmp_path):
+    succeed("export", sealed, "--to", "csv")
+    assert list((tmp_path / "results" / sealed.stem).glob("*.csv"))
     alone = tmp_path / "stick" / "a.h5"
     alone.parent.mkdir()
-    alone.write_bytes(path.read_bytes())
+    alone.write_bytes(sealed.read_bytes())
     succeed("export", alone, "--to", "csv")
     assert list((tmp_path / "stick" / "a-export").glob("*.csv"))
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
-def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign, kind):
-    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign, sealed, kind):
     with pytest.raises(ConfigError, check=at(Argument("stream", "nope"))):
-        invoke("export", path, "--to", kind, "--stream", "nope")
+        invoke("export", sealed, "--to", kind, "--stream", "nope")
     assert not (campaign / "results").exists()
 
 
@@ -223,9 +228,8 @@ def test_an_export_refuses_an_option_that_it_does_not_use(campaign, kind, words)
     assert words[0] in {"--from", f"--{error.value.place.name}"}
 
 
-def test_frames_of_a_span_are_exported(campaign, tmp_path):
-    path = campaign / "recordings" / "20261211T025512Z-a.h5"
-    with open_session(path) as session:
+def test_frames_of_a_span_are_exported(sealed, tmp_path):
+    with open_session(sealed) as session:
         times = [datetime.fromtimestamp(frame.time_ns / 1e9, UTC) for frame in session.samples("camera")]
     after = times[9] + timedelta(milliseconds=1)
     spans = {
@@ -235,11 +239,11 @@ def test_frames_of_a_span_are_exported(campaign, tmp_path):
         "whole": ("--from", clock_time(times[0], -1), "--until", clock_time(times[0], 1)),
     }
     for name, span in spans.items():
-        succeed("export", path, "--to", "png", "-o", tmp_path / name, *span)
+        succeed("export", sealed, "--to", "png", "-o", tmp_path / name, *span)
     written = {name: len(list((tmp_path / name).glob("*.png"))) for name in spans}
     assert written == {"late": 10, "early": 10, "whole": 20}
     with pytest.raises(ConfigError):
-        invoke("export", path, "--to", "png", "--from", "-1s", "--until", "-5s")
+        invoke("export", sealed, "--to", "png", "--from", "-1s", "--until", "-5s")
 
 
 def clock_time(moment: datetime, hours: float) -> str:
@@ -250,31 +254,28 @@ def clock_time(moment: datetime, hours: float) -> str:
 @pytest.mark.parametrize(
     ("option", "hours"), [("--from", 1), ("--from", 11), ("--until", -1), ("--until", -11)]
 )
-def test_a_span_outside_the_session_is_refused(campaign, tmp_path, option, hours):
-    path = campaign / "recordings" / "20261211T025512Z-a.h5"
-    with open_session(path) as session:
+def test_a_span_outside_the_session_is_refused(sealed, tmp_path, option, hours):
+    with open_session(sealed) as session:
         first = datetime.fromtimestamp(session.start_ns / 1e9, UTC)
     with pytest.raises(ConfigError, match=f":{first:%M:%S} to "):
-        invoke("export", path, "--to", "png", "-o", tmp_path / "none", option, clock_time(first, hours))
+        invoke("export", sealed, "--to", "png", "-o", tmp_path / "none", option, clock_time(first, hours))
     assert not (tmp_path / "none").exists()
 
 
-def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign):
-    path = campaign / "recordings" / "20261212T025512Z-b.h5"
-    path.unlink()
+def test_session_of_which_only_the_journal_is_left_is_offered_too(crashed):
+    crashed.unlink()
     with pytest.raises(SessionError) as error:
-        invoke("show", path)
-    assert error.value.fix == Action.RECOVER(path)
-    succeed("recover", path)
+        invoke("show", crashed)
+    assert error.value.fix == Action.RECOVER(crashed)
+    succeed("recover", crashed)
 
 
-def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign):
-    path = campaign / "recordings" / "20261212T025512Z-b.h5"
-    inbox(path).mkdir()
-    send(inbox(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
-    send(inbox(path), Mark("moved"))
-    fieldkit("recover", path)
-    events = {event["text"]: event for event in document("show", path)["events"]}
+def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(crashed):
+    inbox(crashed).mkdir()
+    send(inbox(crashed), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
+    send(inbox(crashed), Mark("moved"))
+    fieldkit("recover", crashed)
+    events = {event["text"]: event for event in document("show", crashed)["events"]}
     assert events["lightning"]["label"] == "storm"
     assert events["lightning"]["end"] == "2026-12-12 12:10:00 JST"
     assert (events["moved"]["label"], events["moved"]["end"]) == ("", "")

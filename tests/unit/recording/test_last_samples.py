@@ -177,18 +177,22 @@ def frame(mono_ns, counts):
     return Frame("camera", mono_ns, 0, counts, np.zeros((2, 160), np.uint16))
 
 
-def test_only_so_many_minutes_are_kept_and_so_many_bytes(campaign, instruments):
+def keep(campaign, instruments, *samples):
+    """Samples that a preview has shown when a recorder asks for them."""
     kept = LastSamples(campaign.config, instruments)
-    now_ns = instruments.clock.mono_ns()
-    ages_s = (2 * KEPT_S, KEPT_S + 1, KEPT_S - 1, 1, 0)
-    for age_s in ages_s:
-        kept.show(lux(now_ns - round(age_s * 1e9), age_s))
-    large = np.zeros((120, 160), np.uint16)
-    frames = KEPT_BYTES // large.nbytes + 10
-    for number in range(frames):
-        kept.show(frame(now_ns + number, large))
+    for sample in samples:
+        kept.show(sample)
     ask_for_last_samples(campaign.config.recordings)
     kept.close()
+
+
+def test_only_so_many_minutes_are_kept_and_so_many_bytes(campaign, instruments):
+    now_ns = instruments.clock.mono_ns()
+    ages_s = (2 * KEPT_S, KEPT_S + 1, KEPT_S - 1, 1, 0)
+    readings = [lux(now_ns - round(age_s * 1e9), age_s) for age_s in ages_s]
+    large = np.zeros((120, 160), np.uint16)
+    frames = (frame(now_ns + number, large) for number in range(KEPT_BYTES // large.nbytes + 10))
+    keep(campaign, instruments, *readings, *frames)
     with left_samples(campaign.config.recordings) as left:
         included = left.include(instruments, KEPT_S, pytest.fail)
         counts = [sample.stream for sample in included.samples]
@@ -197,12 +201,10 @@ def test_only_so_many_minutes_are_kept_and_so_many_bytes(campaign, instruments):
 
 
 def test_samples_are_handed_over_as_they_came_without_those_before(campaign, instruments):
-    kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
+    now_ns = instruments.clock.mono_ns()
     counts = np.arange(120 * 160, dtype=np.uint16).reshape(120, 160)
-    for sample in (lux(now_ns - 120 * 10**9), lux(now_ns - 50 * 10**9, 0.1), frame(now_ns - 5, counts)):
-        kept.show(sample)
-    ask_for_last_samples(campaign.config.recordings)
-    kept.close()
+    samples = (lux(now_ns - 120 * 10**9), lux(now_ns - 50 * 10**9, 0.1), frame(now_ns - 5, counts))
+    keep(campaign, instruments, *samples)
     with left_samples(campaign.config.recordings) as left:
         reading, picture = left.include(instruments, 60, pytest.fail).samples
     assert (reading.values, reading.raw, reading.mono_ns) == ((0.1,), b"raw", now_ns - 50 * 10**9)
@@ -212,11 +214,9 @@ def test_samples_are_handed_over_as_they_came_without_those_before(campaign, ins
 
 
 def test_a_stream_that_is_another_one_now_is_left_out_and_named(campaign, instruments):
-    kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
-    kept.show(lux(now_ns))
-    kept.show(Reading("thermometer", now_ns, 0, (1.0, 2.0, 3.0, 4.0), b""))
-    ask_for_last_samples(campaign.config.recordings)
-    kept.close()
+    now_ns = instruments.clock.mono_ns()
+    thermometer = Reading("thermometer", now_ns, 0, (1.0, 2.0, 3.0, 4.0), b"")
+    keep(campaign, instruments, lux(now_ns), thermometer)
     camera, _, thermometer = header(rows=0).streams
     now, notes = Instruments((Declared(camera), Declared(thermometer)), instruments.clock, None, int), []
     with left_samples(campaign.config.recordings) as left:
@@ -240,11 +240,8 @@ def test_nothing_is_written_where_nobody_asked_and_nothing_of_an_earlier_recorde
 
 
 def test_what_is_left_and_cannot_be_read_does_not_end_the_recording(campaign, instruments, caplog):
-    kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
-    kept.show(lux(now_ns - 2))
-    kept.show(lux(now_ns - 1))
-    ask_for_last_samples(campaign.config.recordings)
-    kept.close()
+    now_ns = instruments.clock.mono_ns()
+    keep(campaign, instruments, lux(now_ns - 2), lux(now_ns - 1))
     with left_samples(campaign.config.recordings) as left:
         samples = left.include(instruments, 60, pytest.fail).samples
         assert next(samples).mono_ns == now_ns - 2

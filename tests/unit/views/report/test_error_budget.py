@@ -21,6 +21,7 @@ SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOON_NS = 1_512_961_200_000_000_000  # 11 Dec 2017, 12:00 JST
 CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 FLAT = Region("flat", RegionKind.REFERENCE, CORNERS, 0.0, 0.0)
+BED = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
 SIGMA = 5.670374419e-8
 ALBEDO, EMISSIVITY, EXCHANGE = 0.20, 0.90, 18.15  # the paper's Table 1
 DIRECT, SHARE, DOWN, AIR_K = 850.0, 0.15, 300.0, 283.15
@@ -65,6 +66,11 @@ def minute_of(make_minute, bed, time_ns):
     )
 
 
+def budget_of(minutes, bed=BED, settings=SETTINGS) -> ErrorBudget:
+    columns = series(minutes, (FLAT, bed))
+    return budget(columns, columns.targets[0], settings)
+
+
 @pytest.mark.parametrize(
     ("tilt_deg", "azimuth_deg"), [(5.0, 180.0), (15.0, 180.0), (20.0, 90.0), (10.0, 0.0)]
 )
@@ -85,21 +91,16 @@ def test_the_terms_add_up_to_what_eq_6_gets_wrong(make_minute, tilt_deg, azimuth
 def test_a_flat_bed_leaves_nothing_out(make_minute):
     bed = Region("bed", RegionKind.TARGET, CORNERS, 0.0, 180.0)
     minutes = [minute_of(make_minute, bed, NOON_NS + step * 60_000_000_000) for step in range(2)]
-    columns = series(minutes, (FLAT, bed))
-    assert budget(columns, columns.targets[0], SETTINGS).omitted_w_m2 == pytest.approx(0.0, abs=1e-6)
+    assert budget_of(minutes, bed).omitted_w_m2 == pytest.approx(0.0, abs=1e-6)
 
 
 def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
     """No diffuse light, and longwave of a sky as warm as the ground: neither tells a slope from the flat."""
-    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
-    assumed = [minute_of(make_minute, bed, NOON_NS)]
+    assumed = [minute_of(make_minute, BED, NOON_NS)]
     ground = EMISSIVITY * SIGMA * assumed[0].temperature_k["flat"] ** 4
     warm_sky = ground / EMISSIVITY  # emitted and reflected together are what comes down
     measured = [replace(assumed[0], dhi_w_m2=0.0, longwave_down_w_m2=warm_sky)]
-    before, after = (
-        budget(columns, columns.targets[0], SETTINGS)
-        for columns in (series(minutes, (FLAT, bed)) for minutes in (assumed, measured))
-    )
+    before, after = budget_of(assumed), budget_of(measured)
     assert before.diffuse_w_m2 > 1.0
     assert abs(before.longwave_w_m2) > 1.0
     assert after.diffuse_w_m2 == 0.0
@@ -108,14 +109,11 @@ def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
 
 def test_w_m2_per_degree_is_the_papers_geometry(make_minute):
     """South 15 degrees, 11 Dec, 12:00, S 800: 9.6 W/m2 per degree; 0.33 degrees cost 0.11 K (30 W/m2/K)."""
-    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
-    minutes = [replace(minute_of(make_minute, bed, NOON_NS), dni_w_m2=800.0)]
-    columns = series(minutes, (FLAT, bed))
-    assert budget(columns, columns.targets[0], SETTINGS).w_m2_per_degree == pytest.approx(9.6, abs=0.05)
+    minutes = [replace(minute_of(make_minute, BED, NOON_NS), dni_w_m2=800.0)]
+    assert budget_of(minutes).w_m2_per_degree == pytest.approx(9.6, abs=0.05)
 
 
 def test_a_bed_that_warms_faster_than_the_reference_looks_less_turned_to_the_sun(make_minute):
-    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
     minutes = [
         replace(
             make_minute(step, time_ns=NOON_NS + step * 60_000_000_000, estimates=()),
@@ -123,17 +121,14 @@ def test_a_bed_that_warms_faster_than_the_reference_looks_less_turned_to_the_sun
         )
         for step in range(120)
     ]
-    columns = series(minutes, (FLAT, bed))
     thin = Slab(depth_m=0.01)  # follows within minutes: flux is heat capacity times warming
-    found = budget(columns, columns.targets[0], replace(SETTINGS, slab=thin))
+    found = budget_of(minutes, settings=replace(SETTINGS, slab=thin))
     expected = -1.3e6 * 0.01 * 0.02 / 60 / (1 - ALBEDO)
     assert found.storage_w_m2 == pytest.approx(expected, rel=0.02)
 
 
 def test_offset_scale_and_noise_in_degrees(make_minute):
-    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
-    columns = series([minute_of(make_minute, bed, NOON_NS)], (FLAT, bed))
-    found = budget(columns, columns.targets[0], SETTINGS)
+    found = budget_of([minute_of(make_minute, BED, NOON_NS)])
     assert found.of_offset(0.35) == pytest.approx(1.0)
     assert found.of_scale(0.1) == pytest.approx(1.5)
     assert found.noise_deg == pytest.approx(1.25)
@@ -141,11 +136,8 @@ def test_offset_scale_and_noise_in_degrees(make_minute):
 
 def test_what_calibrations_leave_uncertain_has_rows_of_its_own_in_degrees(make_minute):
     """A kelvin between bed and reference over 0.35 K per degree; 3 % of 15 degrees."""
-    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
-    minute = minute_of(make_minute, bed, NOON_NS)
-    columns = series([minute], (FLAT, bed))
-    settings = replace(SETTINGS, emissivity_sd=0.02, factor_sd=0.03)
-    found = budget(columns, columns.targets[0], settings)
+    minute = minute_of(make_minute, BED, NOON_NS)
+    found = budget_of([minute], settings=replace(SETTINGS, emissivity_sd=0.02, factor_sd=0.03))
     warm, base = (minute.temperature_k[name] for name in ("bed", "flat"))
     seen = [
         surface_temperature_k(brightness_temperature_k(kelvin, 0.90, 233.15), 0.92, 233.15)
@@ -157,7 +149,7 @@ def test_what_calibrations_leave_uncertain_has_rows_of_its_own_in_degrees(make_m
     assert emissivity == f"{found.emissivity_k / 0.35:.1f}° ({found.emissivity_k:.2f} K)"
     assert meter.endswith("° (3.0%)")
     assert float(meter[:3]) == pytest.approx(0.45, abs=0.051)
-    assert calibrated_rows(budget(columns, columns.targets[0], SETTINGS)) == []
+    assert calibrated_rows(budget_of([minute])) == []
 
 
 def calibrated_rows(found: ErrorBudget) -> list[str]:
