@@ -107,25 +107,25 @@ def cells_of_times(draw, shape: str, index: pd.DatetimeIndex) -> tuple[list[list
     return [[head, "ms"], *([f"{t:%Y-%m-%d %H:%M:%S}", str(t.microsecond // 1000)] for t in index)], asked
 
 
+STATED = [
+    ("", ""),
+    (" (UTC{offset})", ""),
+    (" [GMT{offset}]", ""),
+    (" ({name})", ""),
+    ("", "Time zone: {name}"),
+    ("", "utc_offset_seconds: {seconds:.0f}"),
+    ("", "time_zone: {offset}"),
+    ("", "GMT offset: {minutes:+.0f}"),
+    ("", "Time zone: {windows}"),
+]
+
+
 def stated(draw, name: str, index: pd.DatetimeIndex) -> tuple[str, str]:
     """Words on the zone behind the time's header, or a field above it; some of which leave it open."""
     hours, offset = offset_of(index)
-    windows = WINDOWS[name]
-    return draw(
-        st.sampled_from(
-            [
-                ("", ""),
-                (f" (UTC{offset})", ""),
-                (f" [GMT{offset}]", ""),
-                (f" ({name})", ""),
-                ("", f"Time zone: {name}"),
-                ("", f"utc_offset_seconds: {hours * 3600:.0f}"),
-                ("", f"time_zone: {offset}"),
-                ("", f"GMT offset: {hours * 60:+.0f}"),
-                ("", f"Time zone: {windows}"),
-            ]
-        )
-    )
+    facts = {"name": name, "offset": offset, "windows": WINDOWS[name]}
+    words, field = draw(st.sampled_from(STATED))
+    return words.format(**facts), field.format(**facts, seconds=hours * 3600, minutes=hours * 60)
 
 
 def damaged(draw, rows: list[str]) -> tuple[str, str]:
