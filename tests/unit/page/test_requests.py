@@ -117,7 +117,7 @@ def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, key):
 def test_text_that_is_not_text_is_refused_as_such(body, odd):
     with pytest.raises(BadRequestError) as error:
         parse(json.dumps(body).replace('"x"', json.dumps(odd)))
-    assert error.value.key == "refused.not_text"
+    assert text_document(error.value.words)["key"] == "refused.not_text"
 
 
 @pytest.mark.parametrize(
