@@ -35,7 +35,7 @@ from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, check_room, raw_width
 from fieldkit.sessions.lock import SessionLock, journal_path
-from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
+from fieldkit.sessions.records import Entry, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import remove_journal, seal
 from fieldkit.sessions.session_file import FileThread
@@ -64,7 +64,6 @@ class SessionWriter:
         self.is_closed: bool = False
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
-        self._region_names = set(header.region_names)
         self._streams = {info.name: info for info in header.streams}
         self._lock = threading.Lock()
         self._report: SealReport | None = None
@@ -142,16 +141,10 @@ class SessionWriter:
     def put(self, entry: Entry) -> None:
         """Store anything but a sample; clock checks correct nothing.
 
-        Raises `ValueError` for estimates of regions that the session does not have, and for an outline for
-        which the file has no room.
+        Raises `ValueError` for an outline for which the file has no room.
         """
-        if isinstance(entry, MinuteRecord):
-            if unknown := {estimate.region for estimate in entry.estimates} - self._region_names:
-                names = ", ".join(sorted(unknown))
-                raise ValueError(f"estimates for regions the session does not have: {names}")
-        elif isinstance(entry, RegionRecord):
+        if isinstance(entry, RegionRecord):
             check_region(entry.region)
-            self._region_names.add(entry.region.name)
         with self._lock:
             self._store(entry)
 

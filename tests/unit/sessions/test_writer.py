@@ -162,8 +162,6 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     for name in ("counts", "metadata_rows"):
         with pytest.raises(ValueError, match="int32, not uint16"):
             writer.append(frame._replace(**{name: getattr(frame, name).astype("i4")}))
-    with pytest.raises(ValueError, match="b99"):
-        writer.put(MinuteRecord(0, (SlopeEstimate(0, "b99", SlopeState.OK),)))
     many = tuple((float(n), float(n % 7)) for n in range(65))
     with pytest.raises(ValueError, match="65 corners"):
         writer.put(RegionRecord(Region("big", RegionKind.TARGET, many), 0))
