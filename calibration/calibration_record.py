@@ -277,14 +277,12 @@ def model_warnings(record: CalibrationRecord, model: str, light: str) -> list[st
     """
     made_with, by_light = record.details.get("model", model), record.details.get("irradiance", light)
     if made_with != model:
-        return [
-            f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"
-        ]
-    if by_light != light:
-        return [
-            f"{record.name} is the scale for light by {by_light}, not by {light}: calibrate surface again"
-        ]
-    return []
+        difference = f"of the {made_with} model, not of {model}"
+    elif by_light != light:
+        difference = f"for light by {by_light}, not by {light}"
+    else:
+        return []
+    return [f"{record.name} is the scale {difference}: calibrate surface again"]
 
 
 def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:

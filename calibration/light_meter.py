@@ -140,10 +140,7 @@ def light_factor(
     ratio = plane_w_m2 / np.where(usable, reading, np.nan)
     consistent = usable & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < MAX_SCATTER)
     if consistent.sum() < MIN_CONSISTENT * usable.sum():
-        raise CalibrationError(
-            f"the instruments disagree: only {consistent.sum()} of {usable.sum()} minutes fit one factor",
-            fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
-        )
+        raise _disagreement(f"only {consistent.sum()} of {usable.sum()} minutes fit one factor")
     x, y = reading[consistent], plane_w_m2[consistent]
     points = Points(x, y, METER_SD * x, REFERENCE_NOISE * y)
     line = fit_line(points, origin=True)
@@ -178,8 +175,10 @@ def _intercept(points: Points) -> tuple[str, ...]:
     miss = free.intercept / float(points.y.mean())
     what = f"a free line misses the origin by {miss:+.0%} of the mean"
     if abs(miss) > WORST_INTERCEPT:
-        raise CalibrationError(
-            f"the instruments disagree: {what}",
-            fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
-        )
+        raise _disagreement(what)
     return (f"{what}: cosine error, sky share or dark offset",) if abs(miss) >= MAX_INTERCEPT else ()
+
+
+def _disagreement(what: str) -> CalibrationError:
+    fix = "compare their clocks (time zone?), levels and mounting; is one of them shaded?"
+    return CalibrationError(f"the instruments disagree: {what}", fix=fix)

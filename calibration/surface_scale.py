@@ -39,15 +39,12 @@ class PooledScale(Budgeted):
 
 
 def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
-    """Weighted mean of the beds' scales, with its budget; the inclinometer is uncertain by `tilt_sd_deg`.
+    """Weighted mean of the scales of one or more beds, with its budget.
 
-    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed. Raises
-    `CalibrationError` without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
+    Weights allow for noise and for the inclinometer, which is uncertain by `tilt_sd_deg`, independently from
+    bed to bed. Raises `CalibrationError` for a scale outside 0.3 to 3, or if the beds disagree by more than
+    0.25.
     """
-    if not beds:
-        raise CalibrationError(
-            "no bed of known slope", fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees"
-        )
     kappas = np.array([bed.kappa for bed in beds.values()])
     noise = np.array([bed.kappa_sd for bed in beds.values()])
     tilted = np.abs([bed.per_tilt_sd for bed in beds.values()])

@@ -95,6 +95,12 @@ class Layout:
     parse: Callable[[bytes], Parsed]
     longest: int
 
+    def first(self, buffer: bytes) -> Parsed:
+        """What is at the start of `buffer`, None if more bytes may still decide that."""
+        parsed = self.parse(buffer[: self.longest])
+        is_endless = parsed is None and len(buffer) >= self.longest
+        return Rejected(1, "no end of record found") if is_endless else parsed
+
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
@@ -124,9 +130,13 @@ class RecordDriver:
 
     layout: Layout
 
+    def layout_for(self, options: Mapping[str, Any]) -> Layout:
+        """The layout by the driver's options."""
+        return self.layout
+
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `Decodes`."""
-        return decode_records(data, self.layout)
+        return decode_records(data, self.layout_for(options))
 
 
 def skip_to(start: bytes, data: bytes) -> int:
@@ -142,11 +152,9 @@ def decode_records(data: bytes, layout: Layout) -> Decoded:
     notes: list[str] = []
     position = 0
     while position < len(data):
-        record = layout.parse(data[position : position + layout.longest])
+        record = layout.first(data[position : position + layout.longest])
         if record is None:
-            if len(data) - position < layout.longest:
-                break
-            record = Rejected(1, "no end of record found")
+            break
         if isinstance(record, Record):
             values.extend(record.values)
             notes.extend([record.note] if record.note else [])

@@ -98,18 +98,17 @@ class Framer:
     def next_record(self, layout: Layout) -> Stamped | None:
         """The next record of what is left of earlier chunks, None if there is none."""
         while buffer := self.left:
-            parsed = layout.parse(buffer[: layout.longest])
-            if parsed is None and len(buffer) < layout.longest:
+            parsed = layout.first(buffer)
+            if parsed is None:
                 return None
-            length = parsed.length if parsed else 1
-            self.left = buffer[length:]
+            raw, self.left = buffer[: parsed.length], buffer[parsed.length :]
             if isinstance(parsed, Record):
                 self._refused = b""
-                return self._stamp(layout, parsed, buffer[:length])
+                return self._stamp(layout, parsed, raw)
             if not self._refused:
                 self.rejected += 1
-                self.reason = parsed.reason if parsed else "no end of record found"
-            self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
+                self.reason = parsed.reason
+            self._refused = (self._refused + raw)[-_REFUSED_KEPT:]
         return None
 
     def _stamp(self, layout: Layout, record: Record, raw: bytes) -> Stamped:

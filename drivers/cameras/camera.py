@@ -30,7 +30,7 @@ PLAUSIBLE_K = (200.0, 700.0)
 WORD_ENDS = (0, 0xFFFF)
 """The ends of a pixel's range in most cameras."""
 
-_GOOD, _SATURATED, _NO_VALUE = Quality.GOOD, Quality.SATURATED, Quality.NO_VALUE
+_SATURATED, _NO_VALUE = Quality.SATURATED, Quality.NO_VALUE
 """Looking a flag up in its class would take as long as finding the extremes."""
 
 NO_ROWS = np.empty((0, 0), np.uint16)

@@ -54,20 +54,9 @@ from operator import truediv
 from types import MappingProxyType
 from typing import Any
 
-from fieldkit.drivers.decoding import (
-    Channel,
-    Decoded,
-    Layout,
-    Parsed,
-    Record,
-    Rejected,
-    Value,
-    decode_records,
-    skip_to,
-)
+from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Probe, SerialDriver, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
@@ -106,9 +95,13 @@ def parse(buffer: bytes) -> Parsed:
     for number in numbers:
         if number < low or number > high:
             channel = channels[numbers.index(number)]
-            reason = f"{channel.name} = {number:g} {channel.unit} is beyond any thermocouple"
-            return Rejected(skip_to(_START, buffer), reason)
+            return _beyond(buffer, channel.name, number, channel.unit)
     return Record(LENGTH, numbers, channels)
+
+
+def _beyond(buffer: bytes, channel: str, number: float, unit: str) -> Rejected:
+    reason = f"{channel} = {number:g} {unit} is beyond any thermocouple"
+    return Rejected(skip_to(_START, buffer), reason)
 
 
 def _no_record(buffer: bytes, length: int) -> Rejected | None:
@@ -192,7 +185,7 @@ def open_thermometer(
     `others` are models whose records are not the `usual` ones.
     """
     port = open_port(settings, LINE, clock)
-    model = configured_model(settings) or ask_model(port)
+    model = configured_model(settings.options) or ask_model(port)
     layout, channels = others.get(model, usual)
     driver = DRIVERS.get(model, settings.driver)
     if driver != settings.driver:
@@ -209,9 +202,9 @@ def open_thermometer(
     return meter.Meter(info, port, layout, clock, channels, poll=poll)
 
 
-def configured_model(settings: DeviceSettings) -> str:
+def configured_model(options: Mapping[str, Any]) -> str:
     """The option `model`, as a number or as text; empty if it is not given."""
-    return str(settings.options.get("model", ""))
+    return str(options.get("model", ""))
 
 
 def ask_model(port: Port) -> str:
@@ -251,8 +244,7 @@ def _parse_short(buffer: bytes, probes: int) -> Parsed:
     for value in present:
         low, high = LIMITS[value.unit]
         if not math.isnan(value.value) and not low <= value.value <= high:
-            reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
-            return Rejected(skip_to(_START, buffer), reason)
+            return _beyond(buffer, value.channel, value.value, value.unit)
     return Record.of(SHORT_LENGTH, present, f"type {'J' if buffer[1] & 0x08 else 'K'}")
 
 
@@ -295,10 +287,9 @@ class Center303(SerialDriver):
     options: tuple[str, ...] = (*meter.OPTIONS, "model")
     probes: Sequence[Probe] = (Probe(LINE, b"A"),)
 
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""
-        is_one = configured_model(decoding_settings(self.name, options)) in ONE_PROBE
-        return decode_records(data, ONE_PROBE_LAYOUT if is_one else TWO_PROBE_LAYOUT)
+    def layout_for(self, options: Mapping[str, Any]) -> Layout:
+        """That of one probe for the `model` 300 or 302."""
+        return ONE_PROBE_LAYOUT if configured_model(options) in ONE_PROBE else TWO_PROBE_LAYOUT
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, request the model, and wait for one record."""

@@ -374,18 +374,10 @@ def _close(device: Device) -> None:
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:
     """Differences in the report of a reopened instrument: it is another, or lost its settings."""
-    old, new = (
-        {
-            "model": identity.model,
-            "serial_number": identity.serial_number,
-            "firmware": identity.firmware,
-            **identity.settings,
-        }
-        for identity in (before, now)
-    )
-    both = [key for key in old if old[key] != "" and new.get(key, "") != ""]
+    names = ("model", "serial_number", "firmware")
+    old, new = ({name: getattr(info, name) for name in names} | dict(info.settings) for info in (before, now))
     return [
         f"its {key.replace('_', ' ')} is {new[key]}, was {old[key]}"
-        for key in both
-        if repr(old[key]) != repr(new[key])  # NaN is as before
+        for key in old
+        if old[key] != "" and new.get(key, "") != "" and repr(old[key]) != repr(new[key])  # NaN is as before
     ]

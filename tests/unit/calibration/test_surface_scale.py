@@ -29,7 +29,6 @@ def test_beds_that_disagree_beyond_noise_make_the_scale_less_certain():
 @pytest.mark.parametrize(
     ("beds", "said"),
     [
-        ({}, "no bed of known slope"),
         ({"b15": BedScale(0.2, 0.01, 0.01)}, "no surface has"),
         ({"b05": BedScale(0.5, 0.01, 0.01), "b25": BedScale(1.6, 0.01, 0.01)}, "the beds disagree: b05 0.50"),
     ],

@@ -3,13 +3,11 @@ import os
 import subprocess
 import sys
 import time
-from socket import create_server
 from types import SimpleNamespace
 
 import pytest
 
 from fieldkit.drivers import identity, ports
-from fieldkit.drivers.connections import SocketPort
 from fieldkit.drivers.framing import Line, Stamped
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
@@ -93,21 +91,8 @@ def test_silence_is_none(port):
     assert port.read(LAYOUT, 0.01) is None
 
 
-def test_a_record_that_comes_just_as_the_wait_for_it_ends_is_no_lost_port(wire):
-    class Late(HostClock):
-        def wait_readable(self, fd, timeout_s):
-            wire.say(RECORD)
-            return super().wait_readable(fd, timeout_s)
-
-    port = SerialPort(wire.path, Line(9600), Late())
-    assert port.read(LAYOUT, 0.05).raw == RECORD
-    port.close()
-
-
 class Endless(HostClock):
     """Whenever something waits, more noise arrives from `say`."""
-
-    is_real = False
 
     def __init__(self, say):
         super().__init__()
@@ -125,17 +110,6 @@ def test_a_line_that_never_falls_silent_does_not_hold_the_reader_up(wire):
     assert port.read(LAYOUT, 0.05) is None
     assert port.framer.rejected
     port.close()
-
-
-def test_a_connection_that_never_falls_silent_does_not_hold_the_reader_up():
-    with create_server(("127.0.0.1", 0)) as server:
-        clock = Endless(None)
-        port = SocketPort(server.getsockname(), clock, "instrument", "switch it on")
-        far, _ = server.accept()
-        clock.say = far.sendall
-        with far:
-            assert port.read(LAYOUT, 0.05) is None
-        port.close()
 
 
 def test_old_bytes_are_discarded(wire, port):
