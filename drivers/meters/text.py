@@ -380,7 +380,7 @@ class Text(SerialDriver):
 
     Options: `columns`, `no_value`, `baud` (115200), `unit` (what a line without units means), `sensor` (whose
     library's example the board runs) and those of every meter. The stream takes the columns that have the
-    unit of the first value.
+    unit of the first value; its setting `not_recorded` names the others.
     """
 
     name = "text"
@@ -418,10 +418,12 @@ class Text(SerialDriver):
         unit = quantity.units.stored
         info = meter.describe(settings, port, grammar.layout, quantity.name, unit, keys, model="text")
         components = components_named(info.channels) or components_named(keys[: info.shape[0]])
+        others = ", ".join(channel.name for channel in first.channels if channel.name not in keys)
         info = replace(
             info,
             measures=components if unit == quantities.POWER.stored else (),
             device_time_unit="ms" if first.device_time != NO_COUNTER else "",
+            settings={**info.settings, "not_recorded": others} if others else info.settings,
         )
         return meter.Meter(info, port, grammar.layout, clock, keys)
 

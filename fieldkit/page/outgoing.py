@@ -38,7 +38,7 @@ def streams(infos: Sequence[StreamInfo], missing: Sequence[str]) -> Document:
 
 def _stream(info: StreamInfo) -> Document:
     rows, cols = info.shape if info.is_camera else (0, 0)
-    return attributes(info, "name", "quantity", "is_camera") | {"rows": rows, "cols": cols}
+    return attributes(info, "name", "quantity", "is_camera", "channels") | {"rows": rows, "cols": cols}
 
 
 def regions(regions: Sequence[Region]) -> Document:

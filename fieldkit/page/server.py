@@ -68,6 +68,7 @@ WAITING = """<!doctype html>
 <title>{title}</title>
 <style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; overflow-wrap: anywhere;
 font: 17px/1.4 system-ui, sans-serif }}
+h1 {{ font-size: 1.3rem }}
 progress {{ width: 100%; height: 16px }}</style>
 <main><h1>{title}</h1>
 <p>{text}</p>

@@ -52,6 +52,9 @@ def preflight(
     meters = EstimatorInstruments(streams, config.estimator_settings())
     for name in meters.unknown:
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
+    for info in streams:
+        if others := info.settings.get("not_recorded"):
+            notify(f"{info.name}: not recorded, as a port gives one quantity: {others}")
     if unknown := [info.name for info in streams if not info.unit]:
         raise ConfigError(UNKNOWN_UNIT, place=", ".join(unknown), fix=STATE_UNIT)
     for name in meters.absent:

@@ -358,6 +358,8 @@ def prepare(
     no samples of a preview. Raises as `record`.
     """
     duration_s = options.duration_s
+    if duration_s == 0.0:
+        raise ConfigError("a recording of 0 s holds nothing", fix="choose a duration such as 3h or 90m")
     with ExitStack() as opened:
         if options.include_last_s is not None:
             ask_for_last_samples(config.recordings)

@@ -565,14 +565,15 @@ def surface_of_pixels(
 ) -> Callable[[FloatArray], FloatArray]:
     """Surface temperatures of a frame (rows, cols) of brightness temperatures, both in kelvin.
 
-    Emissivity and known offset are a region's own inside it. NaN in regions of another kind of surface than
-    the reference's.
+    Emissivity and known offset are a region's own inside it. NaN in regions without a slope, such as a foil,
+    and in those of another kind of surface than the reference's.
     """
     emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
     for region in regions:
         inside = region.mask(shape)
         # pixels are compared with the reference's surface
-        unknown = region.name in settings.kinds
+        has_slope = region.kind in (RegionKind.REFERENCE, RegionKind.TARGET)
+        unknown = not has_slope or region.name in settings.kinds
         offset_k[inside] = math.nan if unknown else settings.offsets_k.get(region.name, 0.0)
         if np.isfinite(region.emissivity):
             emissivity[inside] = region.emissivity

@@ -464,10 +464,10 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Iterator
             if channel.meaning_in(row.cells) is None:
                 units.append(f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})")
     if words:
-        text = f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}"
+        text = f"cells that are not numbers and have no value: {len(words)}, such as {words[0][:20]!r}"
         yield Severity.WARNING, text
     if units:
-        yield Severity.WARNING, f"{len(units)} cells have no value for their unit: {listing(units)}"
+        yield Severity.WARNING, f"cells without a value for their unit: {len(units)}, {listing(units)}"
 
 
 def _on_stream(stream: _Stream) -> Iterator[tuple[Severity, str]]:

@@ -36,6 +36,10 @@ function ask(id, whatOf, then = () => {}) {
   error.hidden = true;
   fields.onsubmit = async (event) => {
     event.preventDefault();
+    const wrong = mistakeIn(fields);
+    say(error, wrong);
+    error.hidden = !wrong;
+    if (wrong) return;
     const submit = fields.querySelector("[type=submit]");
     submit.disabled = true;
     const answer = await request(whatOf(fields.elements));

@@ -79,14 +79,14 @@ function showColumns(sessions, images) {
   const heads = sessions.map((session, i) => {
     const canvas = images[i] && el("canvas", { role: "img", "aria-label": phrase("compare.image", { session: session.title }) });
     if (canvas) paintWhole(canvas, images[i], scale);
-    return el("th", { scope: "col" }, canvas, session.title || session.id, el("small", {}, dayTime(session.started_ms)));
+    return el("th", { scope: "col" }, canvas, session.title, el("small", {}, dayTime(session.started_ms)));
   });
   $("compare-head").replaceChildren(el("tr", {}, el("th", { scope: "col" }, phrase("compare.region")), ...heads));
 }
 
 function showSlopes(slopes) {
   const names = [...new Set(slopes.flat().map((slope) => slope.region))];
-  const cell = (slope) => (slope ? el("td", {}, `${phrase("slope.tilt")} ${slope.tilt}`, el("small", {}, `${phrase("slope.azimuth")} ${azimuthText(slope)}`), el("small", {}, stateText(slope))) : el("td", {}, "–"));
+  const cell = (slope) => (slope ? el("td", {}, `${phrase("slope.tilt")} ${slope.tilt}${Number.isFinite(slope.tilt_deg) ? "°" : ""}`, el("small", {}, `${phrase("slope.azimuth")} ${azimuthText(slope)}`), el("small", {}, stateText(slope))) : el("td", {}, "–"));
   const row = (name) => el("tr", {}, el("th", { scope: "row" }, name), ...slopes.map((of) => cell(of.find((slope) => slope.region === name))));
   $("compare-slopes").replaceChildren(...names.map(row));
 }

@@ -71,6 +71,12 @@ function makeSteppers() {
   }
 }
 
+/** The first shown field of a form that is empty or out of range, with the browser's reason; "" if there is none. */
+function mistakeIn(form) {
+  const input = [...form.elements].find((field) => field.checkVisibility() && !field.validity.valid);
+  return input ? `${input.closest("label").firstChild.textContent.trim()}: ${input.validationMessage}` : "";
+}
+
 function step(box, input, sign) {
   const by = Number(box.dataset.step), wrap = Number(box.dataset.wrap);
   let value = input.value === "" ? Number(box.dataset.first ?? 0) : Number(input.value) + sign * by;

@@ -172,7 +172,8 @@ async function saveRegion(event) {
   if (isSkyline()) return saveSkyline();
   const region = drawnRegion(), { original, closed } = drawing.draft;
   if (!closed) return drawingError(phrase("drawing.not_closed"));
-  if (!form.elements.name.value.trim()) return drawingError(phrase("drawing.no_name"));
+  const wrong = mistakeIn(form);
+  if (wrong) return drawingError(wrong);
   const answer = await request(original ? { do: "edit_region", name: original, region } : { do: "add_region", region });
   if (!answer.ok) return drawingError(answerText(answer));
   endDrawing();

@@ -8,7 +8,7 @@ async function openMarks(session) {
   Object.assign(marks, { session, shown: "" });
   const answer = await listMarks();
   if (!answer.ok) return showAnswer(answer);
-  say($("marks-title"), phrase("marks.title.of", { session: session ? session.title || session.id : status.state.session }));
+  say($("marks-title"), phrase("marks.title.of", { session: session?.title ?? status.state.session }));
   if (!$("marks-dialog").open) $("marks-dialog").showModal();
   $("marks-title").focus();
   clearInterval(marks.timer);

@@ -13,7 +13,7 @@ async function openPast(session) {
   await takePicture(await response.arrayBuffer());
   $("past-slopes").replaceChildren();
   $("past").hidden = false;
-  say($("past-title"), phrase("past.title", { session: session.title || session.id, time: dayTime(session.started_ms) }));
+  say($("past-title"), phrase("past.title", { session: session.title, time: dayTime(session.started_ms) }));
   window.scrollTo(0, 0);
   $("past-title").focus({ preventScroll: true });
   return { ok: true };
@@ -42,7 +42,8 @@ async function estimatePast() {
 /** A slope with its likelihood region, or why there is none. */
 function slopeLine({ region, state, tilt_deg: tilt, tilt_region_deg: tilts, azimuth_deg: azimuth, azimuth_region_deg: azimuths }) {
   const angle = (value, [low, high], digits) => `${number(value, digits)}° (${number(low, digits)}–${number(high, digits)})`;
-  const slope = Number.isFinite(tilt) ? phrase("past.slope", { tilt: angle(tilt, tilts, 1), azimuth: angle(azimuth, azimuths, 0) }) : phrase("past.no_slope");
+  const isGiven = azimuths[0] === azimuths[1], direction = isGiven ? phrase("slope.given", { azimuth: `${number(azimuth)}°` }) : angle(azimuth, azimuths, 0);
+  const slope = Number.isFinite(tilt) ? phrase("past.slope", { tilt: angle(tilt, tilts, 1), azimuth: direction }) : phrase("past.no_slope");
   return el("li", {}, `${region}: ${slope}`, el("span", {}, stateText({ state, tilt_high_deg: tilts[1] })));
 }
 

@@ -6,7 +6,10 @@ const LANGUAGES = {{languages}}; // their own names by code
 /** A text with its `{slots}` filled. */
 const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
 
-const phrase = (key, values = {}) => filled(TEXTS[key], values);
+/** A session by the name that it was given; its id begins with the time. */
+const sessionName = (id) => id.replace(/^\d{8}T\d{6}Z-/, "");
+
+const phrase = (key, values = {}) => filled(TEXTS[key], values.session ? { ...values, session: sessionName(values.session) } : values);
 
 /** The word for a name of the product, such as a state; a name that the catalogue has not is shown as it is. */
 const wordFor = (group, name) => TEXTS[`${group}.${name}`] ?? name;

@@ -6,7 +6,7 @@ const PANELS = [
   { key: "tilt_deg", title: () => `${phrase("slope.tilt")}, °`, shown: (tilt) => tilt, low: "tilt_low_deg", high: "tilt_high_deg" },
 ];
 const BOX = { left: 44, right: 8, top: 20, height: 110, between: 34 };
-const TIME_STEPS_MIN = [1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720, 1440];
+const TIME_STEPS_MIN = [1, 2, 5, 10, 15, 20, 30, 60, 120, 180, 360, 720, 1440];
 const LINES = 6; // colours, as classes of page.css
 const GAP_MS = 3600e3; // a longer pause is no line
 const MARKS_STORED_MS = 2000;

@@ -25,7 +25,7 @@ function sessionItem(session) {
   };
   const about = [wordFor("session", session.state), dayTime(session.started_ms), duration(session.duration_s), size(session.bytes)].join(", ");
   const reach = (url, key, props = { target: "_blank", rel: "noopener" }) => url && el("a", { class: "button", href: url, "aria-describedby": heading, ...props }, phrase(key));
-  return el("li", {}, el("div", { class: "line" }, el("div", {}, el("h3", { id: heading }, session.title || session.id), el("p", { class: "small" }, about)), thumbnailOf(session)),
+  return el("li", {}, el("div", { class: "line" }, el("div", {}, el("h3", { id: heading }, session.title), el("p", { class: "small" }, about)), thumbnailOf(session)),
     session.thumbnail_url && compareChoice(session, heading),
     el("div", { class: "buttons" },
       reach(session.report_url, "sessions.report"),

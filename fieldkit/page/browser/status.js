@@ -28,7 +28,7 @@ on("state", (state) => {
 
 function showState() {
   const { phase, session, started_ms: started, planned_end_ms: end, problem } = status.state;
-  const since = phase === "recording" && started ? `${session}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session;
+  const since = phase === "recording" && started ? `${sessionName(session)}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session && sessionName(session);
   const until = phase === "recording" && end ? phrase("page.ends", { time: clockTime(end, minuteTime) }) : "";
   const bar = $("time-bar");
   bar.hidden = !until;
@@ -55,7 +55,8 @@ function fact(name, text) {
 
 on("minute", ({ irradiance, sun, contact_c: contact }) => {
   fact("irradiance", `${number(irradiance.dni_w_m2)} W/m²`);
-  if (contact.length) fact("contact", `${contact.map((celsius) => number(displayed(celsius), 1)).join(", ")} ${temperature.unit}`);
+  const probes = status.streams.filter(({ quantity }) => quantity === "temperature").flatMap(({ channels }) => channels);
+  if (contact.length) fact("contact", `${contact.map((celsius, i) => `${probes[i] ?? ""} ${number(displayed(celsius), 1)}`.trim()).join(", ")} ${temperature.unit}`);
   fact("sun", phrase("conditions.sun.value", { elevation: number(90 - sun.zenith_deg, 1), azimuth: number(sun.azimuth_deg) }));
 });
 
@@ -76,6 +77,12 @@ function clockDifference(ms) {
   if (Math.abs(seconds) < 2) return phrase("clock.same");
   return phrase(seconds > 0 ? "clock.ahead" : "clock.behind", { time: duration(Math.abs(seconds)) });
 }
+
+on("history", ({ minutes }) => {
+  if (minutes.length) return;
+  status.facts.clear(); // of another recording
+  $("conditions-list").replaceChildren();
+});
 
 on("streams", ({ streams, missing }) => Object.assign(status, { streams, missing }));
 

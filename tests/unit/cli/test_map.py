@@ -383,10 +383,14 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
         np.testing.assert_array_equal(values, bands[0][2])
 
 
-def test_pixels_of_a_region_of_another_kind_are_left_out():
-    """They would be compared with the surface of the reference."""
-    rocks = Region("rocks", RegionKind.TARGET, ((0, 0), (1, 0), (1, 3), (0, 3)))
+@pytest.mark.parametrize(
+    ("kind", "kinds"),
+    [(RegionKind.TARGET, {"rocks": "rock"}), (RegionKind.FOIL, {}), (RegionKind.BLACKBODY, {})],
+)
+def test_pixels_of_a_region_of_another_kind_are_left_out(kind, kinds):
+    """They would be compared with the surface of the reference; a foil and a black body have no slope."""
+    rocks = Region("rocks", kind, ((0, 0), (1, 0), (1, 3), (0, 3)))
     bed = Region("bed", RegionKind.TARGET, ((2, 0), (3, 0), (3, 3), (2, 3)))
-    settings = EstimatorSettings(kinds={"rocks": "rock"})
+    settings = EstimatorSettings(kinds=kinds)
     surface_k = slope_map.surface_of_pixels((rocks, bed), (4, 4), settings)
     np.testing.assert_array_equal(np.isnan(surface_k(np.full((4, 4), 290.0))), rocks.mask((4, 4)))

@@ -9,6 +9,7 @@ import pytest
 import fieldkit
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.marks import Mark
 from fieldkit.model.samples import EventKind
 from fieldkit.model.site import Site
@@ -46,6 +47,13 @@ def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours)
 def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
     now = datetime(2026, 7, 1, 20, tzinfo=UTC)
     assert ns_until(time(23, 30), formatting.local_time(utc_ns(now), Site(0, 0, 0, zone))) == 3.5 * 3600e9
+
+
+def test_a_recording_without_length_is_refused(tmp_path):
+    create_campaign(tmp_path / "field", SIMULATED)
+    with pytest.raises(ConfigError):
+        fieldkit.record(tmp_path / "field", duration="0m")
+    assert list((tmp_path / "field" / "recordings").iterdir()) == []
 
 
 NOTEBOOK = """

@@ -37,6 +37,7 @@ def test_board_with_header_and_clock_is_recorded(wire):
     device = wire.open(Text(), settings(wire, no_value=[-127, 85], labels=["reference", "bed"]))
     assert (device.info.unit, device.info.device_time_unit) == ("K", "ms")
     assert device.info.channels == ("reference", "bed")
+    assert device.info.settings["not_recorded"] == "light_lx"
     reading = device.read(1.0)
     assert reading.values[0] == pytest.approx(294.65)
     assert math.isnan(reading.values[1])
