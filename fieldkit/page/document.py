@@ -36,6 +36,8 @@ SCRIPTS = (
 """The parts of the script, in the order in which they run."""
 SENT = ("done.", "error.", "fix.", "issue.", "next.", "text.")
 """Texts of answers, which the server sends in the browser's language."""
+_GROUP = re.compile(r'(?:wordFor\("|`)([\w.]+?)(?:"|\.\$)')
+"""A group of texts that scripts choose from by a name."""
 _SLOT = re.compile(r"\{\{([\w.-]+)\}\}")
 
 
@@ -52,13 +54,20 @@ def _document(language: str) -> str:
     """The document but for its nonce."""
     texts = phrases(language)
     languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
-    shown = {key: text for key, text in texts.items() if not key.startswith(SENT)}
+    markup, code = _part("page.html"), "\n".join(map(_part, SCRIPTS))
+    groups = (*SENT, *_GROUP.findall(code))
+    in_markup_alone = {
+        key for key in _SLOT.findall(markup) if f'"{key}"' not in code and not key.startswith(groups)
+    }
+    shown = {
+        key: text for key, text in texts.items() if not key.startswith(SENT) and key not in in_markup_alone
+    }
     data = {"texts": shown, "palettes": STOPS, "languages": languages}
     slots = {name: json.dumps(value, ensure_ascii=False) for name, value in data.items()}
     slots["inferno"] = base64.b64encode(palette().tobytes()).decode()
-    script = _fill("\n".join(map(_part, SCRIPTS)), slots)
+    script = _fill(code, slots)
     page = {"nonce": "{{nonce}}", "style": _part("page.css"), "script": script}
-    return _fill(_part("page.html"), {key: escape(text) for key, text in texts.items()} | page)
+    return _fill(markup, {key: escape(text) for key, text in texts.items()} | page)
 
 
 def _fill(text: str, slots: dict[str, str]) -> str:

@@ -376,7 +376,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
             _refuse_unused(source, options, unused, source_format.name)
             recording = source_format.read(source, **_facts(options, source_format.uses))
             if not recording.streams:
-                raise ConfigError("no column of numbers", place=source, fix="check that it holds measurements")
+                raise ConfigError("no column of numbers", place=source, fix="check what it holds")
             zone = options.zone or source_format.zone
             return recording.noted(f"times in {zone}", Severity.INFO) if source_format.zone else recording
     fix = (
