@@ -6,10 +6,10 @@ const LANGUAGES = {{languages}}; // their own names by code
 /** A text with its `{slots}` filled. */
 const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
 
-/** A session by the name that it was given; its id begins with the time. */
-const sessionName = (id) => id.replace(/^\d{8}T\d{6}Z-/, "");
+/** A text in which sessions have the names that they were given; their ids begin with the time. */
+const withNames = (text) => text.replace(/\b\d{8}T\d{6}Z-/g, "");
 
-const phrase = (key, values = {}) => filled(TEXTS[key], values.session ? { ...values, session: sessionName(values.session) } : values);
+const phrase = (key, values = {}) => withNames(filled(TEXTS[key], values));
 
 /** The word for a name of the product, such as a state; a name that the catalogue has not is shown as it is. */
 const wordFor = (group, name) => TEXTS[`${group}.${name}`] ?? name;
@@ -48,7 +48,7 @@ function issueText({ what, text, happened }) {
 const issuesText = (issues) => issues.map(issueText).join(phrase("language.between"));
 
 /** What a request did, or why not and what to do next. */
-const answerText = ({ event, data, text }) => (event ? eventText(event) : [text, issuesText(data?.issues ?? [])].filter(Boolean).join(" "));
+const answerText = ({ event, data, text }) => (event ? eventText(event) : withNames([text, issuesText(data?.issues ?? [])].filter(Boolean).join(" ")));
 
 /** An answer that never left this page. */
 const unanswered = (key) => ({ ok: false, key, text: phrase(key) });

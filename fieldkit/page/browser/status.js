@@ -28,12 +28,12 @@ on("state", (state) => {
 
 function showState() {
   const { phase, session, started_ms: started, planned_end_ms: end, problem } = status.state;
-  const since = phase === "recording" && started ? `${sessionName(session)}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session && sessionName(session);
+  const since = phase === "recording" && started ? `${session}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session;
   const until = phase === "recording" && end ? phrase("page.ends", { time: clockTime(end, minuteTime) }) : "";
   const bar = $("time-bar");
   bar.hidden = !until;
   if (until) Object.assign(bar, { max: end - started, value: Math.max(0, (status.atMs ?? started) - started) });
-  say($("state"), [wordFor("phase", phase), since, until, inLanguage(problem), status.missing.length && phrase("problem.missing", { names: status.missing.join(", ") })].filter(Boolean).join(" · "));
+  say($("state"), withNames([wordFor("phase", phase), since, until, inLanguage(problem), status.missing.length && phrase("problem.missing", { names: status.missing.join(", ") })].filter(Boolean).join(" · ")));
   $("state").className = phase;
 }
 
