@@ -55,13 +55,9 @@ def _document(language: str) -> str:
     texts = phrases(language)
     languages = {code: phrases(code)["language.name"] for code in LANGUAGES}
     markup, code = _part("page.html"), "\n".join(map(_part, SCRIPTS))
-    groups = (*SENT, *_GROUP.findall(code))
-    in_markup_alone = {
-        key for key in _SLOT.findall(markup) if f'"{key}"' not in code and not key.startswith(groups)
-    }
-    shown = {
-        key: text for key, text in texts.items() if not key.startswith(SENT) and key not in in_markup_alone
-    }
+    groups = tuple(_GROUP.findall(code))
+    unnamed = {key for key in _SLOT.findall(markup) if f'"{key}"' not in code and not key.startswith(groups)}
+    shown = {key: texts[key] for key in texts if key not in unnamed and not key.startswith(SENT)}
     data = {"texts": shown, "palettes": STOPS, "languages": languages}
     slots = {name: json.dumps(value, ensure_ascii=False) for name, value in data.items()}
     slots["inferno"] = base64.b64encode(palette().tobytes()).decode()
