@@ -9,7 +9,6 @@ import pytest
 
 from fieldkit.drivers import conformance, registry
 from fieldkit.drivers.conformance import check_driver
-from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.drivers.meters.modbus import Modbus
 from fieldkit.model.clock import HostClock
@@ -19,7 +18,6 @@ from tests.harness.conformance import conforms
 from tests.harness.plugins import install
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
-TEMPERATURES = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
 SAMPLE = Path(__file__).parents[2] / "data/sample_plugin"
 
 
@@ -31,16 +29,6 @@ def levels(outcomes):
 def test_every_driver_of_ours_conforms(name):
     outcomes = list(check_driver(registry.get(name), HostClock()))
     assert [one for one in outcomes if one.level == "fail"] == []
-
-
-def test_meter_that_talks_conforms_on_its_port(wire):
-    wire.talk(LUX)
-    conforms(Lutron(), DeviceSettings("t", "lutron", port=wire.path), wire)
-
-
-def test_meter_that_answers_conforms_on_its_port(wire):
-    wire.reply({b"K": b"309\r", b"A": TEMPERATURES})
-    conforms(Center309(), DeviceSettings("t", "center-309", port=wire.path, every_s=0.05), wire)
 
 
 def test_an_instrument_that_does_not_open_is_reported_with_what_to_do(wire):

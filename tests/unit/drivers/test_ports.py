@@ -87,10 +87,6 @@ def test_noise_between_records_is_skipped_and_counted_once_a_run(wire, port):
     assert port.framer.rejected == 2
 
 
-def test_silence_is_none(port):
-    assert port.read(LAYOUT, 0.01) is None
-
-
 class Endless(HostClock):
     """Whenever something waits, more noise arrives from `say`."""
 
@@ -140,14 +136,6 @@ def test_port_taken_by_another_program_says_how_to_find_it(wire):
         SerialPort(wire.path, Line(), HostClock())
     assert f"fuser -v {wire.path}" in str(caught.value.fix)
     other.communicate()
-
-
-def test_port_can_be_opened_again_after_it_was_closed(wire, port):
-    port.close()
-    again = SerialPort(wire.path, Line(), HostClock())
-    wire.say(RECORD)
-    assert again.read(LAYOUT, 2.0).raw == RECORD
-    again.close()
 
 
 def test_missing_port_lists_what_is_there(monkeypatch):

@@ -91,6 +91,15 @@ def run(
     return samples, [item for item in items if isinstance(item, Event)], start_ns
 
 
+def frozen_camera(clock: SimulatedClock, start_ns: int) -> Camera:
+    return Camera(clock, start_ns, frozen=True)
+
+
+def as_new(kind: type[Meter]) -> Callable[[Device], Device]:
+    """What opens a device of that kind in the place of the one that was lost."""
+    return lambda device: kind(device.clock, device.start_ns)  # type: ignore[attr-defined]
+
+
 def same_unless_unplugged(device: Device) -> Device:
     assert isinstance(device, Meter)
     if device.is_unplugged:
@@ -124,18 +133,14 @@ def test_a_silent_device_is_lost_at_its_deadline():
 
 
 def test_a_frozen_picture_is_kept_flagged_and_the_camera_opened_again():
-    samples, events, _ = run(lambda c, s: Camera(c, s, frozen=True), lambda device: device, 3.0)
+    samples, events, _ = run(frozen_camera, lambda device: device, 3.0)
     assert samples
     assert all(Quality.FROZEN in sample.quality for sample in samples)
     assert [event.kind for event in events][:2] == [EventKind.LOST, EventKind.BACK]
 
 
 def test_the_same_picture_after_opening_again_is_flagged_as_repeated():
-    samples, _, _ = run(
-        lambda c, s: Camera(c, s, frozen=True),
-        lambda device: Camera(device.clock, device.start_ns),  # type: ignore[attr-defined]
-        3.0,
-    )
+    samples, _, _ = run(frozen_camera, as_new(Camera), 3.0)
     assert [sample.quality for sample in samples[:3]] == [Quality.FROZEN, Quality.DUPLICATE, Quality.GOOD]
 
 
@@ -143,11 +148,7 @@ def test_another_instrument_under_the_same_name_is_not_taken():
     class Other(Meter):
         info = StreamInfo("lux", "illuminance", "lx", (2,), rate_hz=1.0)
 
-    _, events, _ = run(
-        lambda c, s: Meter(c, s, gone=5.5),
-        lambda device: Other(device.clock, device.start_ns),
-        60.0,  # type: ignore[attr-defined]
-    )
+    _, events, _ = run(lambda c, s: Meter(c, s, gone=5.5), as_new(Other), 60.0)
     assert [event.kind for event in events] == [EventKind.LOST]
 
 
@@ -155,11 +156,7 @@ def test_a_camera_back_with_another_scale_has_no_value():
     class Tenths(Camera):
         info = replace(Camera.info, scale=0.1)
 
-    samples, events, _ = run(
-        lambda c, s: Camera(c, s, frozen=True),
-        lambda device: Tenths(device.clock, device.start_ns),  # type: ignore[attr-defined]
-        4.0,
-    )
+    samples, events, _ = run(frozen_camera, as_new(Tenths), 4.0)
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK, EventKind.LOST]
     assert "linear, 0.1 x" in events[2].text
     assert all(Quality.NO_VALUE in sample.quality for sample in samples[1:])
@@ -170,11 +167,7 @@ def test_a_camera_lost_before_its_first_picture_is_opened_again():
         def skip_until(self, mono_ns: int) -> None:
             raise DeviceLostError("unplugged")
 
-    samples, events, _ = run(
-        Shy,
-        lambda device: Camera(device.clock, device.start_ns),  # type: ignore[attr-defined]
-        4.0,
-    )
+    samples, events, _ = run(Shy, as_new(Camera), 4.0)
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
     assert len(samples) > 20
 
@@ -278,11 +271,7 @@ def test_what_waited_since_the_device_was_opened_again_is_left_out_too():
                 return Frame("camera", stamp, self.clock.to_utc_ns(stamp), PICTURE + 1, PICTURE[:0])
             return super().read(timeout_s)
 
-    samples, events, _ = run(
-        lambda c, s: Camera(c, s, frozen=True),
-        lambda device: Buffering(device.clock, device.start_ns),  # type: ignore[attr-defined]
-        4.0,
-    )
+    samples, events, _ = run(frozen_camera, as_new(Buffering), 4.0)
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
     assert len(samples) > 10
     assert not any(sample.counts.any() for sample in samples)
@@ -295,11 +284,7 @@ def test_another_instrument_or_a_lost_setting_is_reported_when_the_device_is_bac
     class First(Camera):
         info = replace(Spare.info, serial_number="11", settings={"emissivity": 0.95, "gain": "high"})
 
-    _, events, _ = run(
-        lambda c, s: First(c, s, frozen=True),
-        lambda device: Spare(device.clock, device.start_ns),  # type: ignore[attr-defined]
-        3.0,
-    )
+    _, events, _ = run(lambda c, s: First(c, s, frozen=True), as_new(Spare), 3.0)
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
     assert events[1].severity is Severity.WARNING
     assert events[1].text.endswith("; its serial number is 22, was 11; its emissivity is 1.0, was 0.95")
@@ -380,7 +365,7 @@ def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_t
     tried: list[int] = []
 
     def never(device: Device) -> Device:
-        tried.append(device.clock.mono_ns())  # type: ignore[attr-defined]
+        tried.append(device.clock.mono_ns())
         raise DeviceNotFoundError("not plugged in")
 
     _, events, _ = run(lambda c, s: Meter(c, s, gone=10.5), never, 300.0)
@@ -399,7 +384,7 @@ def test_garbled_records_are_counted_over_all_openings():
     again = iter([(2, 20.5), (4, 1e9)])
     run(
         lambda clock, start_ns: Garbled(clock, start_ns, 3, gone=10.5),
-        lambda device: Garbled(device.clock, device.start_ns, *next(again)),  # type: ignore[attr-defined]
+        lambda device: Garbled(device.clock, device.start_ns, *next(again)),
         40.0,
     )
     assert READERS[-1].rejected == 3 + 2 + 4

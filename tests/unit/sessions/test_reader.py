@@ -4,7 +4,7 @@ import os
 import shutil
 import threading
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from inspect import Parameter, signature
 from pathlib import Path
@@ -229,12 +229,9 @@ def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path)
     assert found.residual_k == {}
 
 
-def _remove_group(file: h5py.File) -> None:
-    del file["camera"]
-
-
-def _remove_header(file: h5py.File) -> None:
-    del file["config/header"]
+def _without(name: str) -> Callable[[h5py.File], None]:
+    """What removes an object."""
+    return lambda file: file.__delitem__(name)
 
 
 def _outside_link(file: h5py.File) -> None:
@@ -299,41 +296,14 @@ def _other_session(file: h5py.File) -> str:
     return str(beside)
 
 
-def _group_outside(file: h5py.File) -> None:
-    del file["camera"]
-    file["camera"] = h5py.ExternalLink(_other_session(file), "/camera")
+def _outside(name: str, target: str) -> Callable[[h5py.File], None]:
+    """What puts a link into another session in the place of an object."""
 
+    def harm(file: h5py.File) -> None:
+        del file[name]
+        file[name] = h5py.ExternalLink(_other_session(file), target)
 
-def _table_outside(file: h5py.File) -> None:
-    del file["events"]
-    file["events"] = h5py.ExternalLink(_other_session(file), "/events")
-
-
-def _scalar_outside(file: h5py.File) -> None:
-    del file["entry/complete"]
-    file["entry/complete"] = h5py.ExternalLink(_other_session(file), "/entry/complete")
-
-
-def _entry_outside(file: h5py.File) -> None:
-    del file["entry"]
-    file["entry"] = h5py.ExternalLink(_other_session(file), "/entry")
-
-
-def _time_map_outside(file: h5py.File) -> None:
-    del file["time_map/add_ns"]
-    file["time_map/add_ns"] = h5py.ExternalLink(_other_session(file), "/lux/seq")
-
-
-def _remove_table(file: h5py.File) -> None:
-    del file["events"]
-
-
-def _remove_time_map(file: h5py.File) -> None:
-    del file["time_map"]
-
-
-def _remove_integrity(file: h5py.File) -> None:
-    del file["integrity"]
+    return harm
 
 
 def _table_is_a_dataset(file: h5py.File) -> None:
@@ -352,9 +322,10 @@ def _look_at_everything(session: SessionReader) -> None:
 @pytest.mark.parametrize(
     "harm",
     [
-        _group_outside, _table_outside, _scalar_outside, _entry_outside, _time_map_outside, _remove_table,
-        _remove_time_map, _remove_integrity, _table_is_a_dataset,
-        _remove_group, _remove_header, _outside_link, _soft_link, _outside_storage, _virtual,
+        *(_outside(name, f"/{name}") for name in ("camera", "events", "entry/complete", "entry")),
+        _outside("time_map/add_ns", "/lux/seq"),
+        *map(_without, ("camera", "config/header", "events", "time_map", "integrity")),
+        _table_is_a_dataset, _outside_link, _soft_link, _outside_storage, _virtual,
         _claim_many_rows, _other_shape,
         _huge_picture_declared, _frames_never_written, _text_never_written, _header_is_no_json,
     ],

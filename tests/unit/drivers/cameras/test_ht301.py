@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras.ht301 import Ht301, decode
-from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
@@ -76,11 +75,6 @@ def test_ends_of_fourteen_bits_are_saturated():
 def test_rows_that_make_no_sense_give_no_value():
     assert decode(frame(flat(6000), coefficients=(0.0,) * 5)).quality & Quality.NO_VALUE
     assert decode(frame(flat(6000), coefficients=(float("nan"),) * 5)).quality & Quality.NO_VALUE
-
-
-@pytest.mark.parametrize("size", [0, 384 * 288 * 2, 384 * 292 * 2 + 2])
-def test_other_byte_counts_are_rejected(size):
-    assert isinstance(decode(bytes(size)), Rejected)
 
 
 def test_camera_is_switched_to_temperatures_and_declared(reel):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import p2pro
-from fieldkit.drivers.cameras.p2pro import LENGTH, Commands, P2Pro, decode
-from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.cameras.p2pro import Commands, P2Pro, decode
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
@@ -36,11 +35,6 @@ def test_lower_half_is_kelvin_times_64():
     assert kelvin[147, 157] - 273.15 == pytest.approx(44.5375)
     assert kelvin[1, 116] - 273.15 == pytest.approx(16.0375)
     assert decoded.quality == Quality.GOOD
-
-
-@pytest.mark.parametrize("size", [0, LENGTH // 2, LENGTH - 2, LENGTH + 8])
-def test_frames_of_another_size_are_rejected(size):
-    assert isinstance(decode(bytes(size)), Rejected)
 
 
 def test_start_up_has_no_value():
@@ -227,12 +221,6 @@ def test_unreachable_commands_are_a_fact_unless_a_setting_is_wanted(reel):
     with pytest.raises(DeviceAccessError, check=at("gain")):
         opened(source, gain="low")
     assert source.closed
-
-
-def test_kernels_error_flag_is_a_rejection(reel):
-    camera = opened(reel(frame(), Buffer(frame(), 1, 1, error=True)))
-    assert camera.read(1.0) is None
-    assert camera.rejected == 1
 
 
 def test_a_scene_with_edges_and_one_as_hot_as_a_stove_are_temperatures():

@@ -12,7 +12,6 @@ from fieldkit.drivers.meters.modbus import (
     crc16,
     load_map,
     pack_request,
-    packaged_maps,
     parse,
 )
 from fieldkit.model.clock import HostClock
@@ -182,11 +181,6 @@ def test_adapter_that_echoes_the_question_is_understood(wire):
     assert reading.values[:4] == pytest.approx((298.15, 298.45, 267.95, 373.65))
     assert math.isnan(reading.values[7])
     assert device.rejected == 0
-
-
-@pytest.mark.parametrize("name", packaged_maps())
-def test_packaged_maps_are_whole(name):
-    assert load_map(name).channels
 
 
 def test_missing_map_lists_those_there_are(wire):

@@ -3,10 +3,8 @@ import pytest
 from fieldkit.drivers.meters.ut325 import Ut325, characters, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceAccessError, DeviceNotFoundError
-from fieldkit.model.next_step import Action
+from fieldkit.model.errors import DeviceNotFoundError
 from tests.harness.conformance import conforms
-from tests.harness.next_steps import steps
 from tests.harness.usb_bus import Instrument
 
 RECORD = bytes.fromhex("30 3A 32 35 33 31 30 30 30 30 30 30 30 30 30 30 31 0D 0A")
@@ -100,12 +98,6 @@ def test_two_alike_are_told_apart_by_their_socket(usb_bus):
     with pytest.raises(DeviceNotFoundError, match="2 USB instruments"):
         opened()
     assert opened(identity="1-3").info.port == "usb:1-3"
-
-
-def test_bridge_without_permission_says_what_to_type(bridge):
-    bridge.forbidden = True
-    with pytest.raises(DeviceAccessError, check=lambda error: Action.UDEV_RULES() in steps(error)):
-        opened()
 
 
 def test_driver_conforms_on_its_bridge(bridge):

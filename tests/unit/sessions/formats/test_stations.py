@@ -69,9 +69,10 @@ def obsdl(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path):
+@pytest.mark.parametrize("encoding", ["cp932", "utf-8", "utf-8-sig"])  # as downloaded, or saved again
+def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path, encoding):
     path = tmp_path / "data.csv"
-    path.write_bytes(foreign_files.obsdl())
+    path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
     assert is_obsdl(path)
     imported = read_obsdl(path, "jma")
     sums = readings(imported, "jma-global")
@@ -172,26 +173,12 @@ def test_marked_values_are_counted(tmp_path):
     assert "'22.1 )'" in imported.notes[1][1]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
-def test_download_that_was_saved_again_as_utf8_is_read(tmp_path, encoding):
-    path = tmp_path / "data.csv"
-    path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
-    assert is_obsdl(path)
-    assert readings(read_obsdl(path, "jma"), "jma-global")[0].values == (1000.0,)
-
-
-def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path):
-    """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
-    head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
-    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
-    assert [info.channels for info in imported.streams] == [("現地気圧",)]
-    assert readings(imported, "jma-pressure")[0].values == pytest.approx((100_400.0,))
-
-
-def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path):
+def test_pressures_of_vapour_and_reduced_to_the_sea_are_not_the_stations(tmp_path):
     """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
-    head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
-    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
+    head = ",富士山,富士山,富士山\r\n年月日時,海面気圧(hPa),蒸気圧(hPa),現地気圧(hPa)\r\n"
+    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,6.1,640.0\r\n"), "jma")
+    channels = sorted(channel for info in imported.streams for channel in info.channels)
+    assert channels == ["海面気圧", "現地気圧"]
     assert readings(imported, "jma-pressure")[0].values == pytest.approx((64_000.0,))
     assert readings(imported, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
     quantities = {info.name: info.quantity for info in imported.streams}
