@@ -83,6 +83,7 @@ B25 = "alarms.region={b25 = {%s}}"
                 'estimator.model="learned"',
                 B25 % "tilt_max_deg = 27.85, tilt_probability = 0.5",
                 "alarms.hold_s={tilt = 0, tilt-probability = 0}",
+                "alarms.clear_s={tilt = 60, tilt-probability = 60}",  # the bed has no slope for minutes
             ),
             {"drift:b25": (300, True), "tilt:b25": (540, True), "tilt-probability:b25": (540, True)},
         ),
