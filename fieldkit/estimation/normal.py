@@ -276,22 +276,16 @@ def solve_known_azimuth(
     Angles in degrees, azimuths (m,) from north, clockwise. An end of the range up to the tilt limit counts as
     a minimum where the misfit falls towards it.
     """
-    azimuth = np.radians(azimuth_deg)
-    level = np.zeros_like(azimuth)
-    facing = np.stack([np.sin(azimuth), np.cos(azimuth), level, level, level, level + 1.0], axis=-1)
-    facing = facing.reshape(-1, 2, 3)
-    H, b = facing @ misfit.H @ np.swapaxes(facing, 1, 2), _times(facing, misfit.b)
-    limit = float(np.radians(tilt_limit_deg))
-    tilts = np.linspace(0.0, limit, 721)
-    # coefficients first from here on: those of one slope are a column
-    H, b = H.transpose(1, 2, 0)[..., np.newaxis], b.T[..., np.newaxis]
-    values = np.pad(_along(H, b, tilts), ((0, 0), (1, 1)), constant_values=np.inf)
+    azimuth, tilts = np.asarray(azimuth_deg, np.float64), np.linspace(0.0, tilt_limit_deg, 721)
+    values = misfit(normal(tilts[:, np.newaxis], azimuth)).T
+    values = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
     slope, low = np.nonzero((values[:, 1:-1] <= values[:, :-2]) & (values[:, 1:-1] < values[:, 2:]))
-    H, b = H[:, :, slope, 0], b[:, slope, 0]
-    polished = _polish_tilts(H, b, tilts[low], limit)
-    order = np.lexsort((_along(H, b, polished), slope))
+    H, along = np.broadcast_to(misfit.H, (azimuth.size, 3, 3))[slope], azimuth[slope]
+    each = Misfit(H, misfit.b[slope], misfit.c[slope], misfit.count[slope])
+    polished = _polish_tilts(each, tilts[low], along, tilt_limit_deg)
+    order = np.lexsort((each(normal(polished, along)), slope))
     first = np.searchsorted(slope, np.arange(azimuth.size))
-    minima = np.append(np.degrees(polished[order]), np.nan)
+    minima = np.append(polished[order], np.nan)
     has_other = np.bincount(slope, minlength=azimuth.size) > 1
     return minima[first], minima[np.where(has_other, first + 1, -1)]
 
@@ -308,25 +302,20 @@ def choose_along(misfit: Misfit, azimuth_deg: FloatArray, tilt_limit_deg: float,
     return Choice(best, value, second, second_value, steeper=best)
 
 
-def _along(H: FloatArray, b: FloatArray, tilt: FloatArray) -> FloatArray:
-    """Misfit less its constant along azimuths; H (2, 2, ...), b (2, ...) in their direction and upwards."""
-    sine, cosine = np.sin(tilt), np.cos(tilt)
-    quadratic = H[0, 0] * sine**2 + 2.0 * H[0, 1] * sine * cosine + H[1, 1] * cosine**2
-    return np.asarray(quadratic - 2.0 * (b[0] * sine + b[1] * cosine))
-
-
-def _polish_tilts(H: FloatArray, b: FloatArray, tilts: FloatArray, limit: float) -> FloatArray:
+def _polish_tilts(
+    misfit: Misfit, tilts_deg: FloatArray, azimuth_deg: FloatArray, limit_deg: float
+) -> FloatArray:
+    """Newton steps along azimuths, for tilts of local minima nearby."""
     for _ in range(8):
-        sine, cosine = np.sin(tilts), np.cos(tilts)
-        double, twice = np.sin(2.0 * tilts), np.cos(2.0 * tilts)
-        slope = (H[0, 0] - H[1, 1]) * double + 2.0 * H[0, 1] * twice - 2.0 * (b[0] * cosine - b[1] * sine)
-        pull = b[0] * sine + b[1] * cosine
-        bend = 2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * pull
+        here, steeper = normal(tilts_deg, azimuth_deg), normal(tilts_deg + 90.0, azimuth_deg)
+        pull = _times(misfit.H, here) - misfit.b
+        slope = np.sum(steeper * pull, axis=1)
+        bend = np.sum(steeper * _times(misfit.H, steeper) - here * pull, axis=1)
         # on a hump Newton's step climbs: stay where the grid has its minimum
         is_bowl = bend > 0.0
         step = np.where(is_bowl, slope / np.where(is_bowl, bend, 1.0), 0.0)
-        tilts = np.clip(tilts - step, 0.0, limit)
-    return np.asarray(tilts)
+        tilts_deg = np.clip(tilts_deg - np.degrees(step), 0.0, limit_deg)
+    return np.asarray(tilts_deg)
 
 
 def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
