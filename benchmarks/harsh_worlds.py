@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks.drawn_worlds import (
     BEDS_SOUTH,
@@ -55,6 +56,8 @@ DRYING_W_M2 = (40.0, 150.0)
 VEIL_MIN = 60.0
 WALL_WARMER_K, WALL_ALBEDO = 15.0, 0.3
 HAY_DAVIES, PEREZ, ISOTROPIC = "hay-davies", "perez", "isotropic"
+LOWEST_PEREZ_COS = 0.0872
+"""5 degrees of elevation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,6 +305,22 @@ def _surfaces(
     return surface_temperatures(facets, time_s, np.array(absorbed) - lost_w_m2, exchange, air_k)
 
 
+def perez_diffuse(
+    dhi_w_m2: ArrayLike,
+    dni_w_m2: ArrayLike,
+    extraterrestrial_w_m2: ArrayLike,
+    cos_incidence: ArrayLike,
+    cos_zenith: ArrayLike,
+    cos_tilt: ArrayLike,
+) -> FloatArray:
+    """Diffuse irradiance on a facet by `perez_brightening`; arguments as of `hay_davies_diffuse`, [W/m2]."""
+    around_sun, horizon = daylight.perez_brightening(dhi_w_m2, dni_w_m2, extraterrestrial_w_m2, cos_zenith)
+    beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, LOWEST_PEREZ_COS)
+    sine = np.sqrt(np.clip(1.0 - np.square(cos_tilt), 0.0, 1.0))
+    share = (1.0 - around_sun) * daylight.sky_view(cos_tilt) + around_sun * beam_ratio + horizon * sine
+    return np.asarray(np.maximum(np.multiply(dhi_w_m2, share), 0.0))
+
+
 def _absorption(
     facet: Facet, ground: Facet, sky: SkyState, light: _Light, upwards_w_m2: FloatArray
 ) -> FloatArray:
@@ -312,7 +331,7 @@ def _absorption(
     up = normal(facet.tilt_deg, facet.azimuth_deg)
     towards = cos_incidence(up, light.sun)
     others = (sky.dhi_w_m2, sky.dni_w_m2, light.top_w_m2, towards, light.sun[:, 2], up[2])
-    instead = daylight.perez_diffuse(*others) - daylight.hay_davies_diffuse(*others)
+    instead = perez_diffuse(*others) - daylight.hay_davies_diffuse(*others)
     return absorbed + (1.0 - facet.albedo) * instead
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -192,10 +191,9 @@ def _check_evenness(
 ) -> None:
     """Temperature spread of the region, and whether its rim differs from its inside."""
     inspection.spread_k = float(around[mask].std())
-    rims = _Rims(inspection.region, frame)
-    inspection.edge_k = rims.edge_k(0)
+    inspection.edge_k = _edge_k(inspection.region, frame)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
-        inspection.shrink_px = pixels = rims.pixels_to_shrink()
+        inspection.shrink_px = pixels = _pixels_to_shrink(inspection.region, frame)
         key, kelvin = (
             "issue.region.edge.shrink" if pixels else "issue.region.edge",
             f"{inspection.edge_k:+.1f}",
@@ -205,45 +203,40 @@ def _check_evenness(
         inspection.warnings.append(Words("issue.region.uneven", kelvin=f"{inspection.spread_k:.1f}"))
 
 
-class _Rims:
-    """The rims of a region made smaller and smaller; each smaller one is masked once, and only if needed."""
+def _edge_k(region: Region, frame: FloatArray, pixels: int = 0) -> float:
+    """Difference of the outer pixels of the region so many pixels smaller from those inside; NaN without."""
+    around, rim = frame[region.box(frame.shape)], rim_px(frame.shape[1])
+    (count, total), (inner, inner_total) = (
+        (int(np.isfinite(kelvin).sum()), float(np.nansum(kelvin)))
+        for kelvin in (around[_smaller_mask(region, frame.shape, by)] for by in (pixels, pixels + rim))
+    )
+    if inner == 0 or count <= inner:
+        return math.nan
+    return (total - inner_total) / (count - inner) - inner_total / inner
 
-    def __init__(self, region: Region, frame: FloatArray) -> None:
-        self._region, self._frame, self._box = region, frame, region.box(frame.shape)
-        self._rim = rim_px(frame.shape[1])
-        self._sums, self._mask = cache(self._sum), cache(self._draw)
 
-    def edge_k(self, pixels: int) -> float:
-        """Difference of the outer pixels of the smaller region from those inside; NaN without either."""
-        (count, total), (inner, inner_total) = self._sums(pixels), self._sums(pixels + self._rim)
-        if inner == 0 or count <= inner:
-            return math.nan
-        return (total - inner_total) / (count - inner) - inner_total / inner
+def _pixels_to_shrink(region: Region, frame: FloatArray) -> int | None:
+    """Pixels to shrink the region by so that it covers only its bed; None if too little would be left.
 
-    def pixels_to_shrink(self) -> int | None:
-        """Pixels to shrink the region by so that it covers only its bed; None if too little would be left.
+    On an uneven bed the edge difference need only fall below the warning.
+    """
+    fewest: int | None = None
+    for pixels in range(1, MOST_SHRUNK_PX + 1):
+        if not _has_inside(_smaller_mask(region, frame.shape, pixels), rim_px(frame.shape[1])):
+            break
+        edge_k = abs(_edge_k(region, frame, pixels))
+        if edge_k <= CLEAN_EDGE_K:
+            return pixels
+        if fewest is None and edge_k <= UNEVEN_EDGE_K:
+            fewest = pixels
+    return fewest
 
-        On an uneven bed the edge difference need only fall below the warning.
-        """
-        fewest: int | None = None
-        for pixels in range(1, MOST_SHRUNK_PX + 1):
-            if not _has_inside(self._mask(pixels), self._rim):
-                break
-            edge_k = abs(self.edge_k(pixels))
-            if edge_k <= CLEAN_EDGE_K:
-                return pixels
-            if fewest is None and edge_k <= UNEVEN_EDGE_K:
-                fewest = pixels
-        return fewest
 
-    def _sum(self, pixels: int) -> tuple[int, float]:
-        """Number of pixels and sum of kelvin of the region so many pixels smaller."""
-        kelvin = self._frame[self._box][self._mask(pixels)]
-        return int(np.isfinite(kelvin).sum()), float(np.nansum(kelvin))
-
-    def _draw(self, pixels: int) -> BoolArray:
-        try:
-            smaller = self._region.shrunk(pixels) if pixels else self._region
-        except ValueError:
-            return np.zeros(self._frame[self._box].shape, np.bool_)
-        return smaller.mask(self._frame.shape, self._box)
+def _smaller_mask(region: Region, shape: tuple[int, ...], pixels: int) -> BoolArray:
+    """Pixels, in the region's box, of the region so many pixels smaller; none if nothing is left of it."""
+    box = region.box((shape[0], shape[1]))
+    try:
+        smaller = region.shrunk(pixels) if pixels else region
+    except ValueError:
+        return np.zeros(tuple(part.stop - part.start for part in box), np.bool_)
+    return smaller.mask((shape[0], shape[1]), box)

@@ -57,7 +57,6 @@ _BRIGHTENING = np.array(
         [0.678, -0.327, -0.250, 0.156, -1.377, 0.251],
     ]
 )
-_LOWEST_PEREZ_COS = 0.0872  # 5 degrees of elevation
 
 
 def extraterrestrial(time_ns: ArrayLike, body: Body = EARTH) -> FloatArray:
@@ -341,7 +340,8 @@ def perez_brightening(
     """Shares of the diffuse light that come from around the sun and from the horizon.
 
     F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give
-    ``DHI ((1 - F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. Arguments as
+    ``DHI ((1 - F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' the cosines of incidence and of the
+    zenith angle, at least that of 5 degrees of elevation. Arguments as
     of `perez_efficacy`, and its source: eqs. (1), (9) and tables 1 and 6.
     """
     cosine = np.clip(np.asarray(cos_zenith, np.float64), 0.0, 1.0)
@@ -351,22 +351,6 @@ def perez_brightening(
     f11, f12, f13, f21, f22, f23 = np.moveaxis(_BRIGHTENING[np.digitize(clearness, _CLEARNESS_EDGES)], -1, 0)
     around_sun = np.maximum(f11 + f12 * brightness + f13 * zenith, 0.0)
     return np.asarray(around_sun), np.asarray(f21 + f22 * brightness + f23 * zenith)
-
-
-def perez_diffuse(
-    dhi_w_m2: ArrayLike,
-    dni_w_m2: ArrayLike,
-    extraterrestrial_w_m2: ArrayLike,
-    cos_incidence: ArrayLike,
-    cos_zenith: ArrayLike,
-    cos_tilt: ArrayLike,
-) -> FloatArray:
-    """Diffuse irradiance on a facet by `perez_brightening`; arguments as of `hay_davies_diffuse`, [W/m2]."""
-    around_sun, horizon = perez_brightening(dhi_w_m2, dni_w_m2, extraterrestrial_w_m2, cos_zenith)
-    beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_PEREZ_COS)
-    sine = np.sqrt(np.clip(1.0 - np.square(cos_tilt), 0.0, 1.0))
-    share = (1.0 - around_sun) * sky_view(cos_tilt) + around_sun * beam_ratio + horizon * sine
-    return np.asarray(np.maximum(np.multiply(dhi_w_m2, share), 0.0))
 
 
 def ground_reflected(ghi_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:

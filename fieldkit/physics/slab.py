@@ -162,24 +162,19 @@ def surface_series(
     Each step is one small matrix product and a Newton search in plain floats, 4 microseconds.
     """
     steps = np.broadcast_to(step_s, len(absorbed_w_m2) - 1).tolist()
-    matrices = {step: _matrices(stack, step) for step in set(steps)}
+    matrices = {step: SlabStep.of([stack], step) for step in set(steps)}
     supply = (absorbed_w_m2 + exchange_w_m2_k * air_temperature_k)[1:].tolist()
     nodes = 1 + sum(slab.layers for slab in stack)
     layers, surface = np.full(nodes, start_k), [float(start_k)]
     for step, supplied, exchange in zip(steps, supply, exchange_w_m2_k[1:].tolist(), strict=True):
-        advance, response = matrices[step]
-        coasting = advance @ layers
+        response = matrices[step].response[0]
+        coasting = matrices[step].coasting[0] @ layers
         top, per_flux = float(coasting[0]), float(response[0])
         # the layer takes (T - top) / per_flux: one more loss that is linear in T
         loss = exchange + 1.0 / per_flux
         surface.append(_balance(supplied + top / per_flux, loss, emissivity, surface[-1]))
         layers = coasting + response * ((surface[-1] - top) / per_flux)
     return np.array(surface)
-
-
-def _matrices(stack: Stack, step_s: float) -> tuple[FloatArray, FloatArray]:
-    step = SlabStep.of([stack], step_s)
-    return step.coasting[0], step.response[0]
 
 
 def _balance(supply: float, loss: float, emissivity: float, guess: float) -> float:

@@ -78,11 +78,6 @@ if TYPE_CHECKING:
 
 EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
-SURFACE_MODELS: Mapping[Model, str] = {
-    "paper": "paper, eq. (6), unit-norm",
-    "full": "full, unit-norm",
-    "learned": "learned, unit-norm",
-}
 LEARNED_MINUTES = 1440
 """Longest window of the learned model: its covariances are of all minutes by all, 66 MB each of a day."""
 LEAST_MINUTES = 3
@@ -667,6 +662,7 @@ def _caption(session_map: MappedSession) -> str:
 
 def _provenance(session_map: MappedSession, session: SessionReader) -> dict[str, Any]:
     references = [region.name for region in session_map.regions if region.kind is RegionKind.REFERENCE]
+    model = "paper, eq. (6)" if session_map.model == "paper" else session_map.model
     return {
         "Conventions": "CF-1.11",
         "title": f"Slope map of {session.header.title or session.path.stem}",
@@ -683,7 +679,7 @@ def _provenance(session_map: MappedSession, session: SessionReader) -> dict[str,
         "time_coverage_start": iso_utc(session_map.start_ns),
         "time_coverage_end": iso_utc(session_map.end_ns),
         "minutes": session_map.minutes,
-        "surface_model": SURFACE_MODELS[session_map.model],
+        "surface_model": f"{model}, unit-norm",
         "irradiance_model": session_map.irradiance_model,
         "reference_regions": " ".join(references),
         **{name: getattr(session_map.settings.surface, name) for name in SURFACE_ATTRIBUTES},

@@ -365,9 +365,6 @@ class Ranking:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons not to adopt the best set."""
-        return tuple(self._warnings())
-
-    def _warnings(self) -> list[str]:
         error_deg, held_out = float(self.error_deg[self.best]), self.cross_validated_deg
         warnings = []
         if self.folds < 2:
@@ -401,7 +398,7 @@ class Ranking:
             for effect in self.effects
             if effect.best_at_edge and effect.span_deg > 0.05
         )
-        return warnings
+        return tuple(warnings)
 
 
 def rank(

@@ -7,6 +7,7 @@ import pvlib
 import pytest
 
 from benchmarks import real
+from benchmarks.harsh_worlds import perez_diffuse
 from fieldkit.estimation.balance import least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.budget import REST
@@ -18,7 +19,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.daylight import clear_sky, extraterrestrial, hay_davies_diffuse, perez_diffuse
+from fieldkit.physics.daylight import clear_sky, extraterrestrial, hay_davies_diffuse
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.radiance import kelvin_per_emissivity
 from fieldkit.physics.slab import Slab

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pvlib import atmosphere, clearsky, irradiance
 
+from benchmarks.harsh_worlds import perez_diffuse
 from fieldkit.physics.daylight import (
     air_mass,
     clear_sky,
     diffuse_fraction_erbs,
     diffuse_fraction_of_beam,
     extraterrestrial,
-    perez_diffuse,
     perez_efficacy,
 )
 
