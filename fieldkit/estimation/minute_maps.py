@@ -14,7 +14,7 @@ import numpy as np
 from fieldkit.estimation.balance import absorbed_light, conduction, smoothed_kernel
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.instant import AlongSun
-from fieldkit.estimation.learned.pixels import pixel_rows
+from fieldkit.estimation.learned.pixels import PixelModel
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
@@ -149,7 +149,8 @@ class MinuteMap:
         rows, settings = self.rows, self.settings
         columns = np.array([*self._columns.references[self._measured_references], *self._alike], np.int64)
         regions, history = [self.regions[column] for column in columns], self.history.at(rows).only(columns)
-        pixels = pixel_rows(history, regions, np.isin(rows, self.chosen), self.normals, settings, learnt)
+        model = PixelModel(history, regions, np.isin(rows, self.chosen), self.normals, settings, learnt)
+        pixels = model.rows()
         sums = MapSums.of(
             self.shape, pixels.design, pixels.towards_sun, lambda piece: pixels.values(over_k[:, piece])
         )

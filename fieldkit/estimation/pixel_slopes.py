@@ -11,7 +11,7 @@ azimuth are found along its edge; where the edge leaves the unit disc, both bran
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -175,21 +175,6 @@ class PixelBounds:
     confidence: float = CONFIDENCE
 
 
-class _Extent:
-    """Running extremes of tilt and azimuth of each pixel."""
-
-    def __init__(self, tilt_deg: FloatArray, azimuth_deg: FloatArray) -> None:
-        self._azimuth = azimuth_deg
-        self.tilts, self.azimuth_shifts = np.array([tilt_deg, tilt_deg]), np.zeros((2, tilt_deg.size))
-
-    def add(self, normals: FloatArray) -> None:
-        tilt, azimuth = tilt_azimuth(normals)
-        azimuth_shift = (azimuth - self._azimuth + 180.0) % 360.0 - 180.0
-        for extremes, values in ((self.tilts, tilt), (self.azimuth_shifts, azimuth_shift)):
-            np.minimum(extremes[0], values, out=extremes[0])
-            np.maximum(extremes[1], values, out=extremes[1])
-
-
 def posterior(
     slopes: SlopeMap, sums: MapSums, reference_normal: FloatArray, settings: EstimatorSettings
 ) -> PixelPosterior:
@@ -222,10 +207,13 @@ def with_bounds(
     tilt, azimuth = (angle[is_known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
     at, covariance, axes = likelihood.at, likelihood.covariance, likelihood.axes
     drop = misfit_drop(settings.confidence, 2)
-    own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes, drop)
+    (low, high, left, right), touches = np.empty((4, tilt.size)), np.empty(tilt.size, np.bool_)
+    for piece in pieces(tilt.size):
+        edge = _along_edge(at[piece], covariance[piece], axes, azimuth[piece], drop)
+        tilts, shifts, touches[piece] = edge
+        low[piece], high[piece] = np.minimum(tilts.min(axis=1), tilt[piece]), tilts.max(axis=1)
+        left[piece], right[piece] = np.minimum(shifts.min(axis=1), 0.0), np.maximum(shifts.max(axis=1), 0.0)
     is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance, drop) & ((at[:, 2] > 0.0) | touches)
-    low, high = _where_they_touch(touches, own.tilts, other.tilts)
-    left, right = _where_they_touch(touches, own.azimuth_shifts, other.azimuth_shifts)
     bounds = (
         np.where(is_vertical, 0.0, low),
         np.minimum(np.maximum(high, tilt), np.maximum(settings.tilt_limit_deg, low)),
@@ -240,12 +228,6 @@ def with_bounds(
     low, high, left, right = planes
     slopes = _with_states(slopes, planes, flat, settings.target_half_width_deg)
     return slopes, PixelBounds(low, high, left, right, settings.confidence)
-
-
-def _where_they_touch(touches: BoolArray, own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
-    """Least and greatest values, of both branches where one region joins them."""
-    for extreme, end, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
-        yield np.where(touches, extreme(end, beyond), end)
 
 
 def _within_limit(slopes: SlopeMap, bounds: SingleArray, limit_deg: float) -> SlopeMap:
@@ -287,26 +269,23 @@ def _add_systematics(
 
 
 def _along_edge(
-    tilt: FloatArray,
-    azimuth: FloatArray,
-    at: FloatArray,
-    covariance: FloatArray,
-    axes: FloatArray,
-    drop: float,
-) -> tuple[_Extent, _Extent, BoolArray]:
-    """Extremes along each ellipse on its own branch and on the other, and whether it joins the two."""
-    own, other = _Extent(tilt, azimuth), _Extent(tilt, azimuth)
-    touches = np.zeros(tilt.size, np.bool_)
+    at: FloatArray, covariance: FloatArray, axes: FloatArray, azimuth: FloatArray, drop: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Tilts along each pixel's ellipse (p, k) and azimuths over its best one, and whether it joins both
+    branches (p,); then points of the other branch count as well.
+    """
+    angles = np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False)
     half_axes = np.sqrt(drop) * np.linalg.cholesky(covariance)
-    for angle in np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False):
-        plane = at[:, :2] + half_axes @ np.array([np.cos(angle), np.sin(angle)])
-        length = np.hypot(plane[:, 0], plane[:, 1])
-        touches |= length > 1.0
-        plane /= np.maximum(length, 1.0)[:, np.newaxis]
-        across = np.sqrt(np.maximum(1.0 - np.minimum(length, 1.0) ** 2, 0.0)) * np.copysign(1.0, at[:, 2])
-        own.add(np.column_stack([plane, across]) @ axes)
-        other.add(np.column_stack([plane, -across]) @ axes)
-    return own, other, touches
+    plane = at[:, np.newaxis, :2] + np.swapaxes(half_axes @ np.stack([np.cos(angles), np.sin(angles)]), 1, 2)
+    length = np.hypot(plane[..., 0], plane[..., 1])
+    touches = (length > 1.0).any(axis=1)
+    plane /= np.maximum(length, 1.0)[..., np.newaxis]
+    across = np.sqrt(np.maximum(1.0 - np.minimum(length, 1.0) ** 2, 0.0))
+    across *= np.copysign(1.0, at[:, 2:])
+    other = np.where(touches[:, np.newaxis], -across, across)
+    edge = np.dstack([np.hstack([plane, plane]), np.hstack([across, other])])
+    tilts, azimuths = tilt_azimuth(edge @ axes)
+    return tilts, (azimuths - azimuth[:, np.newaxis] + 180.0) % 360.0 - 180.0, touches
 
 
 def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> BoolArray:

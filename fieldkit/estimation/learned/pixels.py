@@ -83,32 +83,19 @@ class PixelRows:
         return self.by_temperature @ over_k + self.by_loss @ loss + self.constant[:, np.newaxis]
 
 
-def pixel_rows(
-    history: History,
-    regions: Sequence[Region],
-    chosen: BoolArray,
-    normals: Mapping[str, FloatArray],
-    settings: EstimatorSettings,
-    learnt: Learnt,
-) -> PixelRows:
-    """Rows of the pixels of a frame.
+class PixelModel:
+    """A pixel and the reference over m minutes without a gap, of which n have a frame.
 
     `history` holds minutes with a frame and a reference, those before the map's included, as warmth is
     remembered; its columns `regions` have at least one reference and one target. `chosen` (n,) are the
     minutes of the map, `normals` unit normals of the targets with a slope, by name: they show the exchange of
     each minute.
     """
-    corrected = remove_offsets(history, regions, settings)
-    return _Pair(corrected, RegionColumns(tuple(regions)), chosen, normals, settings, learnt).rows()
-
-
-class _Pair:
-    """A target and the reference over m minutes without a gap, of which n have a frame."""
 
     def __init__(
         self,
         history: History,
-        columns: RegionColumns,
+        regions: Sequence[Region],
         chosen: BoolArray,
         normals: Mapping[str, FloatArray],
         settings: EstimatorSettings,
@@ -116,11 +103,12 @@ class _Pair:
     ) -> None:
         # azimuths of regions are not those of pixels
         settings = replace(settings, azimuth="free")
-        self._history, self._columns, self._settings = history, columns, settings
+        self._history, self._settings = remove_offsets(history, regions, settings), settings
+        self._columns = RegionColumns(tuple(regions))
         self._chosen, self._normals = chosen, normals
         self._learnt = {parameter.name: parameter for parameter in learnt.parameters}
-        self._layout = Layout.of(columns, columns.targets, settings)
-        self._minutes = minutes_between(history, 0, len(history), self._layout, settings)
+        self._layout = Layout.of(self._columns, self._columns.targets, settings)
+        self._minutes = minutes_between(self._history, 0, len(history), self._layout, settings)
         self._frames: IntArray = history.minute - history.minute[0]
         steps = np.arange(len(self._minutes), dtype=np.float64)
         self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))

@@ -9,7 +9,7 @@ from benchmarks.drawn_worlds import CLEAR, RANDOM
 from benchmarks.harsh_worlds import HARMLESS, HARSH, harsh_world
 from benchmarks.products import mapped_world
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.pixels import pixel_rows
+from fieldkit.estimation.learned.pixels import PixelModel
 from fieldkit.estimation.minute_maps import MinuteMap
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import normal
@@ -44,10 +44,10 @@ def test_the_exchange_of_each_minute_is_that_of_the_wind():
     learnt = SlopeChain(world.regions, world.settings).at_once(history).learnt
     assert learnt is not None
     chosen = np.ones(len(history), np.bool_)
-    rows = pixel_rows(history, world.regions, chosen, known, world.settings, learnt)
+    rows = PixelModel(history, world.regions, chosen, known, world.settings, learnt).rows()
     true = world.field.exchange.at(world.history.wind_m_s)
     assert np.corrcoef(rows.exchange_w_m2_k, true)[0, 1] > 0.7
-    without = pixel_rows(history, world.regions, chosen, {}, world.settings, learnt)
+    without = PixelModel(history, world.regions, chosen, {}, world.settings, learnt).rows()
     assert np.ptp(without.exchange_w_m2_k) == 0.0
 
 
