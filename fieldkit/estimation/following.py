@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,20 +38,8 @@ _BLUR_PX = 1.0  # without it the pattern of the detector, which does not move, h
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 
-class Shift(NamedTuple):
-    """Pixels by which the content of a frame lies to the right and below where it was."""
-
-    right_px: float = 0.0
-    down_px: float = 0.0
-
-    @property
-    def length_px(self) -> float:
-        """Its length in pixels."""
-        return float(np.hypot(*self))
-
-    def since(self, other: Shift) -> Shift:
-        """The shift from where another one led to."""
-        return Shift(self.right_px - other.right_px, self.down_px - other.down_px)
+Shift = FloatArray
+"""Pixels (2,) by which the content of a frame lies to the right and below where it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +59,9 @@ class FrameFollower:
         import scipy.fft  # noqa: F401  # slow to import: here, so that no frame waits for it
 
         self._key: Spectrum | None = None
-        self._key_at = Shift()
+        self._key_at: Shift = np.zeros(2)
         self._last: Spectrum | None = None
-        self._at = Shift()
+        self._at: Shift = np.zeros(2)
         self._is_clear = False
         self._is_lost = False
 
@@ -86,7 +74,7 @@ class FrameFollower:
         now, shape = _spectrum(counts, scale)
         if self._key is None or self._last is None:
             self._key = self._last = now
-            return Shift()
+            return np.zeros(2)
         match = _match(self._key, now, shape, scale, self._key_at)
         if match.peak < FADED_PEAK and not self._is_lost:
             step = _match(self._last, now, shape, scale, self._at)
@@ -99,7 +87,7 @@ class FrameFollower:
         if not match.is_clear and not self._is_clear:
             self._last = now
             return self._at
-        self._is_lost = not match.is_clear or match.shift.since(self._at).length_px > farthest_px
+        self._is_lost = not match.is_clear or bool(np.hypot(*(match.shift - self._at)) > farthest_px)
         if self._is_lost:
             return None
         self._at, self._last, self._is_clear = match.shift, now, True
@@ -136,7 +124,7 @@ def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key
     spread = float(surface.std())
     peak = float(surface[row, col] - surface.mean()) / spread if spread > 0.0 else 0.0
     right, down = _signed_peak(surface[row], col), _signed_peak(surface[:, col], row)
-    return _Match(Shift(key_at.right_px + right * scale, key_at.down_px + down * scale), peak)
+    return _Match(key_at + np.array([right, down]) * scale, peak)
 
 
 def _signed_peak(line: NDArray[np.floating[Any]], at: int) -> float:
@@ -169,17 +157,16 @@ class RegionFollower:
         now = self._frames.update(counts)
         if now is None:
             return None
-        off = [now.since(self._first_place(column, now)) for column in drawn]
-        self.shift_px = off[0].length_px
-        return np.array([[round(shift.right_px), round(shift.down_px)] for shift in off], np.int64)
+        off = np.array([now - self._first_place(column, now) for column in drawn])
+        self.shift_px = float(np.hypot(*off[0]))
+        return np.asarray(np.rint(off), np.int64)
 
     def _first_place(self, column: int, now: Shift) -> Shift:
         first = self._drawn.setdefault(column, [])
-        is_shake = not first or now.since(first[0]).length_px < SHAKE_PX
+        is_shake = not first or bool(np.hypot(*(now - first[0])) < SHAKE_PX)
         if len(first) < DRAWN_ON and is_shake:
             first.append(now)
-        right, down = np.mean(first, axis=0)
-        return Shift(float(right), float(down))
+        return np.asarray(np.mean(first, axis=0))
 
 
 class GroundFollower:

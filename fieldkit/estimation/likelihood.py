@@ -14,8 +14,9 @@ to the mean sun, and the rotation about the mean sun.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -192,6 +193,12 @@ class LikelihoodRegion:
     azimuth_low_deg: float
     azimuth_high_deg: float
     vertical: bool
+
+    def bounds(self, prefix: str = "") -> dict[str, Any]:
+        """The ends by their names in `SlopeEstimate`, such as ``tilt_low_deg``, after a prefix."""
+        ends = asdict(self)
+        del ends["vertical"]
+        return {f"{prefix}{name}": end for name, end in ends.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,10 +81,9 @@ def _slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
     columns = RegionColumns(tuple(regions))
-    clouded = (history.flags & Quality.CLOUD) != 0
-    last = len(history)
-    if settings.model == "paper" and last and clouded[-1]:
-        return _held_clouded(history, columns, ~clouded, settings)
+    last = _end_of_clear(history, settings)
+    if last < len(history):
+        return _held_clouded(history, columns, last, settings)
     window = Window(history, last, columns, settings)
     estimates = window.flag_drift(window.estimates(range(columns.targets.size)))
     return tuple(
@@ -99,21 +98,20 @@ def budgets(
     """Uncertainty budget of every target that has a slope at the last minute, by the model paper or full."""
     terms: dict[str, tuple[BudgetTerm, ...]] = {}
     for bins, seen in _by_camera(history, regions):
-        clouded = (bins.flags & Quality.CLOUD) != 0
-        # the paper holds its last slope then
-        last = (
-            int(np.flatnonzero(~clouded)[-1]) + 1
-            if settings.model == "paper" and not clouded.all()
-            else len(bins)
-        )
+        last = _end_of_clear(bins, settings) or len(bins)
         terms |= Window(bins, last, RegionColumns(tuple(seen)), settings).budgets()
     return terms
 
 
+def _end_of_clear(history: History, settings: EstimatorSettings) -> int:
+    """End of the minutes that a slope is estimated at: the paper's model holds its last one under a cloud."""
+    clear = np.flatnonzero((history.flags & Quality.CLOUD) == 0) + 1
+    return int(clear.max(initial=0)) if settings.model == "paper" else len(history)
+
+
 def _held_clouded(
-    history: History, columns: RegionColumns, clear: BoolArray, settings: EstimatorSettings
+    history: History, columns: RegionColumns, last: int, settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
-    last = int(np.flatnonzero(clear)[-1]) + 1 if clear.any() else 0
     window = Window(history, last, columns, settings)
     now, flags = int(history.time_ns[-1]), Quality(int(history.flags[-1]))
     ago = (now - history.time_ns[last - 1]) / 60e9 if last else 0.0
@@ -395,21 +393,9 @@ def _with_solution(
     if solved.second is not None:
         second_tilt, second_azimuth = _angles(solved.second, azimuth)
         filled = replace(filled, second_tilt_deg=second_tilt, second_azimuth_deg=second_azimuth)
-    whole, noise = solved.whole, solved.noise
-    return replace(
-        filled,
-        tilt_deg=tilt,
-        azimuth_deg=facing,
-        tilt_low_deg=whole.tilt_low_deg,
-        tilt_high_deg=whole.tilt_high_deg,
-        azimuth_low_deg=whole.azimuth_low_deg,
-        azimuth_high_deg=whole.azimuth_high_deg,
-        kelvin_per_degree=kelvin_per_degree(tilt, facing, direction, per_kelvin),
-        noise_tilt_low_deg=noise.tilt_low_deg,
-        noise_tilt_high_deg=noise.tilt_high_deg,
-        noise_azimuth_low_deg=noise.azimuth_low_deg,
-        noise_azimuth_high_deg=noise.azimuth_high_deg,
-    )
+    bounds = solved.whole.bounds() | solved.noise.bounds("noise_")
+    per_degree = kelvin_per_degree(tilt, facing, direction, per_kelvin)
+    return replace(filled, tilt_deg=tilt, azimuth_deg=facing, kelvin_per_degree=per_degree, **bounds)
 
 
 def kelvin_per_degree(

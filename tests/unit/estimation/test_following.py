@@ -49,7 +49,7 @@ def test_a_jump_is_over_once_the_camera_is_put_back():
 def test_frames_without_edges_move_nothing():
     random, follower = np.random.default_rng(1), FrameFollower()
     found = [follower.update(random.integers(29_000, 29_005, (60, 80)).astype(np.uint16)) for _ in range(20)]
-    assert found == [(0.0, 0.0)] * 20
+    assert not np.array(found).any()
 
 
 def test_regions_at_rest_stay_the_same_object_and_one_that_leaves_the_frame_is_empty():
