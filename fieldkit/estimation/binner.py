@@ -22,6 +22,7 @@ from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.sun import sun_vectors
 
 GRACE_NS = 2_000_000_000
@@ -122,8 +123,8 @@ class Binner:
         events.extend(self._sunset(entry, minute))
         events.extend(self._unknown_streams(minute))
         if self._late:
-            text = f"{self._late} samples arrived more than 2 s late and were excluded from the estimates"
             late = {"excluded": self._late}
+            text = Words("event.estimator.excluded", **late)
             events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, "", Severity.WARNING, late))
             self._late = 0
         return entry, tuple(events)
@@ -132,7 +133,7 @@ class Binner:
         """Once the sun has set on the regions: what the next hour is worth."""
         is_up = bool(entry.sun[2] > 0.0)
         if self._sun_was_up and not is_up and minute.columns.size:
-            text = "the sun is down: keep recording for an hour, the cooling gives inertia and offsets"
+            text = Words("event.estimator.sunset")
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, data={"sunset": 1})
         self._sun_was_up = is_up
 
@@ -144,8 +145,8 @@ class Binner:
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING, unused)
         self._unreported = ()
         for name in self._absent:
-            text = f"probes of regions: there is no stream {name}, so they have no temperature"
             absent = {"absent": name}
+            text = Words("event.estimator.absent", **absent)
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, "", Severity.WARNING, absent)
         self._absent = ()
 

@@ -24,6 +24,7 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 # more than the sun's own motion makes of the light in so short a time
@@ -198,13 +199,13 @@ class DisturbanceMonitor:
     def _report_shades(self, shaded: set[int], ended: list[ShadeTest]) -> None:
         changed, self._shaded = shaded ^ self._shaded, shaded
         for column in sorted(changed - {test.column for test in ended}):
-            name, begins = self._name(column), column in shaded
-            text = f"{name} is {'shaded' if begins else 'sunlit again'}"
-            self._report(text, Severity.WARNING, shaded=name, phase="begin" if begins else "end")
+            name, phase = self._name(column), "begin" if column in shaded else "end"
+            text = Words(f"event.estimator.shaded.{phase}", shaded=name)
+            self._report(text, Severity.WARNING, shaded=name, phase=phase)
         for test in ended:
             name = self._name(test.column)
-            text = f"shade test of {name}, {test.minutes:.0f} min"
-            self._report(text, shade_test=name, begin_ns=test.begin_ns, end_ns=test.end_ns)
+            lasted = f"shade test of {name}, {test.minutes:.0f} min"
+            self._report(lasted, shade_test=name, begin_ns=test.begin_ns, end_ns=test.end_ns)
 
     def _report_uncooled(self, minute: int, marked: list[ShadeTest]) -> None:
         """Shade tests, marked in the minute before, that cool nothing in a whole minute."""
@@ -212,7 +213,7 @@ class DisturbanceMonitor:
         for column in sorted(whole & self._marks.just_begun(minute, self._schedule)):
             if self._tests.cooling_k(minute, column) < UNCOOLED_K:
                 name = self._name(column)
-                text = f"{name} does not cool in its shade test: check the board, or take the mark back"
+                text = Words("event.estimator.uncooled", uncooled=name)
                 self._report(text, Severity.WARNING, uncooled=name)
 
     def _drifts(self, entry: MinuteBin, reference_k: float) -> None:
@@ -231,10 +232,10 @@ class DisturbanceMonitor:
         }
         changed, self._drifting = drifts ^ self._drifting, drifts
         for column in sorted(changed):
-            name, begins = self._name(column), column in drifts
-            text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
-            severity = Severity.WARNING if begins else Severity.INFO
-            self._report(text, severity, drift=name, phase="begin" if begins else "end")
+            name, phase = self._name(column), "begin" if column in drifts else "end"
+            text = Words(f"event.estimator.drift.{phase}", drift=name)
+            severity = Severity.WARNING if phase == "begin" else Severity.INFO
+            self._report(text, severity, drift=name, phase=phase)
 
     def _frozen(self, entry: MinuteBin, minute: OpenBin) -> MinuteBin:
         """The bin, flagged and without temperatures where its frames are those of the bin before."""
@@ -254,13 +255,11 @@ class DisturbanceMonitor:
             return
         before, self._outside = self._outside, minute.not_whole
         for column in sorted(before ^ self._outside):
-            name = self._name(column)
-            if column in self._outside:
-                text = f"{name} left the frame and is lost"
-                self._report(text, Severity.WARNING, EventKind.MOVED, phase="lost", region=name)
-            elif column in minute.columns:
-                text = f"{name} is in the frame again"
-                self._report(text, Severity.INFO, EventKind.MOVED, phase="back", region=name)
+            name, phase = self._name(column), "lost" if column in self._outside else "back"
+            if phase == "lost" or column in minute.columns:
+                text = Words(f"event.moved.region.{phase}", region=name)
+                severity = Severity.WARNING if phase == "lost" else Severity.INFO
+                self._report(text, severity, EventKind.MOVED, phase=phase, region=name)
 
     def _movement(self, minute: OpenBin) -> None:
         """Regions that are lost, are found again, or followed by `MOVED_PX` more."""
@@ -271,9 +270,9 @@ class DisturbanceMonitor:
         if minute.loss or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
             return
         self._shift_px = max(minute.shift_px, self._shift_px)
-        text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"
-        shift_px = round(minute.shift_px, 2)
-        self._report(text, Severity.INFO, EventKind.MOVED, phase="corrected", shift_px=shift_px)
+        shift = {"shift_px": round(minute.shift_px, 2)}
+        text = Words("event.moved.corrected", **shift)
+        self._report(text, Severity.INFO, EventKind.MOVED, phase="corrected", **shift)
 
 
 def end_of(minute: OpenBin) -> tuple[int, int]:

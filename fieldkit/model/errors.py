@@ -29,7 +29,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from fieldkit.model.next_step import Phrase, Text, in_words, next_step, without_keys
+from fieldkit.model.next_step import KEYS, Phrase, Text, in_words, next_step
 from fieldkit.phrases import Words, phrases
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
@@ -95,10 +95,10 @@ class FieldkitError(Exception):
         problem = in_words(self.problem)
         if not isinstance(problem, Words):
             keys = (f"error.{kind.__name__}" for kind in type(self).__mro__)
-            problem = Words(next(key for key in keys if key in phrases()), text=without_keys(problem))
+            problem = Words(next(key for key in keys if key in phrases()), text=KEYS.sub("", problem))
         if self.place is None or isinstance(self.place, Phrase):
             return problem
-        place = without_keys(f"{getattr(self.place, 'name', self.place)}: ").removesuffix(": ")
+        place = KEYS.sub("", f"{getattr(self.place, 'name', self.place)}: ").removesuffix(": ")
         return Words("text.of", what=place, text=problem) if place else problem
 
     def __str__(self) -> str:

@@ -11,11 +11,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, TypeAlias, TypeGuard
+from typing import Any, TypeAlias
 
 from fieldkit.phrases import Words
 
-_KEYS = re.compile(r"(?:--[\w-]+|\w+\[\d+\](?:\.\w+)*): ")
+KEYS = re.compile(r"(?:--[\w-]+|\w+\[\d+\](?:\.\w+)*): ")
+"""Options and keys in front of what a text says about them."""
 _COMMANDS = re.compile(r"--\w|\bfieldkit\b|\.toml\b")
 
 
@@ -114,25 +115,16 @@ def in_words(text: Text) -> str:
         case Step(action):
             return Words(f"next.{action.name.lower()}")
         case Argument(name, value):
-            return " ".join(map(str, filter(None, (name.replace("_", " "), value))))
+            return name.replace("_", " ") if value is None else Words("fix.value", value=str(value))
     return text if isinstance(text, str) else str(text)
-
-
-def without_keys(text: str) -> str:
-    """A text without options and keys in front of what it says about them."""
-    return _KEYS.sub("", text)
 
 
 def next_step(fix: Text | None) -> str:
     """A fix by the catalogue, for readers without commands: empty if only a command would do."""
-    parts = (Words("fix.value", value=part.value) if _is_value(part) else part for part in _parts(fix or ""))
-    if words := [in_words(part) for part in parts if isinstance(part, Words | Step)]:
+    words = [word for part in _parts(fix or "") if isinstance(word := in_words(part), Words)]
+    if words:
         return Words("text.all", texts=words)
     return Words("text.original", text=fix) if isinstance(fix, str) and not _COMMANDS.search(fix) else ""
-
-
-def _is_value(part: Text) -> TypeGuard[Argument]:
-    return isinstance(part, Argument) and isinstance(part.value, str)
 
 
 def _parts(text: Text) -> tuple[Text, ...]:

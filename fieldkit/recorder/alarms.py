@@ -33,6 +33,7 @@ from fieldkit.model.samples import (
 from fieldkit.model.site import RegionRecord
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
+from fieldkit.phrases import Words
 
 LATE_NS = 2 * SECOND_NS
 """Time that samples, events and health wait for earlier ones."""
@@ -88,7 +89,8 @@ class _Watch:
         """Set the condition from a time on; yields what that, and the time until then, leads to."""
         yield from self.until(time_ns)
         if is_on != self.is_on:
-            self.is_on, self.since_ns, self.text = is_on, time_ns, text
+            self.is_on, self.since_ns = is_on, time_ns
+            self.text = text or Words(f"alarm.{self.condition}", subject=self.subject)
         yield from self.until(time_ns)
 
     def until(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
@@ -196,11 +198,10 @@ class AlarmEngine:
         if flags == self._flags.get(stream, Quality.GOOD):
             return
         self._flags[stream] = flags
-        text = f"{stream} is out of range or without a value"
-        yield from self._observe(Condition.OVERRANGE, stream, bool(flags & OUT_OF_RANGE), time_ns, text)
-        is_frozen, text = Quality.FROZEN in flags, f"{stream} repeats one frame"
+        yield from self._observe(Condition.OVERRANGE, stream, bool(flags & OUT_OF_RANGE), time_ns)
+        is_frozen = Quality.FROZEN in flags
         if is_frozen or Quality.DUPLICATE not in flags:
-            yield from self._observe(Condition.FROZEN, stream, is_frozen, time_ns, text)
+            yield from self._observe(Condition.FROZEN, stream, is_frozen, time_ns)
 
     def _arm(self, stream: str, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
         """From now on, no sample within the hold time is an alarm."""

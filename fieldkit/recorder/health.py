@@ -18,6 +18,7 @@ from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.writer import SessionWriter
@@ -30,20 +31,12 @@ SUSPENDED_NS = 5 * SECOND_NS
 CLOCK_CHECK_EVERY_NS = MINUTE_NS
 
 _FLAG_EVENTS = {
-    Quality.SHUTTER: (EventKind.SHUTTER, Severity.INFO, "shutter correction"),
-    Quality.FROZEN: (EventKind.FROZEN, Severity.WARNING, "the image is frozen"),
-    Quality.OVERRANGE: (EventKind.OVERRANGE, Severity.WARNING, "reading at the end of the meter's range"),
-    Quality.SATURATED: (EventKind.OVERRANGE, Severity.WARNING, "pixels at the end of the camera's range"),
-    Quality.IMPLAUSIBLE: (
-        EventKind.OVERRANGE,
-        Severity.WARNING,
-        "implausible: beyond what can be measured",
-    ),
-    Quality.NO_VALUE: (
-        EventKind.OVERRANGE,
-        Severity.WARNING,
-        "no value: open probe, overload, relative display or unknown scale",
-    ),
+    Quality.SHUTTER: (EventKind.SHUTTER, Severity.INFO, "event.shutter.info"),
+    Quality.FROZEN: (EventKind.FROZEN, Severity.WARNING, "event.frozen"),
+    Quality.OVERRANGE: (EventKind.OVERRANGE, Severity.WARNING, "event.overrange.flag.overrange"),
+    Quality.SATURATED: (EventKind.OVERRANGE, Severity.WARNING, "event.overrange.flag.saturated"),
+    Quality.IMPLAUSIBLE: (EventKind.OVERRANGE, Severity.WARNING, "event.overrange.flag.implausible"),
+    Quality.NO_VALUE: (EventKind.OVERRANGE, Severity.WARNING, "event.overrange.flag.no_value"),
 }
 
 
@@ -60,11 +53,10 @@ class FlagMonitor:
             return
         self._flags[sample.stream] = sample.quality
         begun = sample.quality & ~before
-        for flag, (kind, severity, text) in _FLAG_EVENTS.items():
+        for flag, (kind, severity, key) in _FLAG_EVENTS.items():
             if flag in begun:
-                message = f"{sample.stream}: {text}"
-                about = {"flag": str(flag.name).lower()}
-                yield Event(kind, sample.mono_ns, sample.time_ns, message, sample.stream, severity, about)
+                text, about = Words(key, stream=sample.stream), {"flag": str(flag.name).lower()}
+                yield Event(kind, sample.mono_ns, sample.time_ns, text, sample.stream, severity, about)
 
 
 @dataclass
@@ -124,7 +116,7 @@ class EstimatorMonitor:
             return
         self._is_late = not self._is_late
         phase, severity = ("begin", Severity.WARNING) if self._is_late else ("end", Severity.INFO)
-        text = "live estimates are more than a minute late" if self._is_late else "live estimates caught up"
+        text = Words(f"event.estimator.late.{phase}")
         yield Event(EventKind.ESTIMATOR, mono_ns, time_ns, text, "", severity, {"late": phase})
 
 
