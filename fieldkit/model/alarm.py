@@ -13,6 +13,7 @@ from functools import reduce
 from typing import Self
 
 from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.phrases import Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,6 @@ class Phase(enum.StrEnum):
     CLEARED = "cleared"
 
 
-_WORDS = {Phase.RAISED: "alarm", Phase.ACKNOWLEDGED: "alarm acknowledged", Phase.CLEARED: "alarm over"}
 _SEVERITIES = {severity.name.lower(): severity for severity in Severity}
 
 
@@ -141,7 +141,7 @@ class Alarm:
             "text": self.text,
         }
         severity = self.severity if phase is Phase.RAISED else Severity.INFO
-        text = f"{_WORDS[phase]}: {self.text}"
+        text = Words(f"event.alarm.{phase}", alarm=self.text)
         return Event(EventKind.ALARM, mono_ns, time_ns, text, severity=severity, data=data)
 
 

@@ -77,8 +77,7 @@ def parse_time_of_day(text: str) -> time:
         hour, minute = (int(part) for part in text.split(":"))
         return time(hour, minute)
     except ValueError:
-        fix = Words("fix.time_of_day")
-        raise ConfigError(Words("error.time_of_day"), place=repr(text), fix=fix) from None
+        raise ConfigError(Words("error.time"), place=repr(text), fix=Words("fix.time_of_day")) from None
 
 
 def times_of_day(text: str) -> tuple[time, ...]:

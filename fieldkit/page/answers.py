@@ -35,7 +35,6 @@ from fieldkit.recording.marks import correct_mark, mark_of
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, send_to_recorder
 from fieldkit.recording.running import (
-    UnresponsiveRecorder,
     is_recorder_present,
     running_session,
     stop_recording,
@@ -141,7 +140,9 @@ class Answers:
 
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Done:
         if isinstance(request, requests.Stop):
-            path = stop_recording(self.config.recordings, self._log_silence)
+            path = stop_recording(
+                self.config.recordings, lambda silent: log.warning(silent.at(self.config.site))
+            )
             if path is None:
                 return Done(Words("done.called_off"))
             report = f"/session/{identifier(path)}/report"
@@ -149,9 +150,6 @@ class Answers:
             return Done(Words("done.sealed", session=path.stem), about)
         session = self.conductor.start(record_options(request))
         return Done(Words("done.started", session=session.stem if session else ""))
-
-    def _log_silence(self, silent: UnresponsiveRecorder) -> None:
-        log.warning(silent.at(self.config.site))
 
     def _send_mark(self, request: requests.AddMark) -> SentRequest:
         folder = self.config.recordings

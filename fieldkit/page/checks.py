@@ -119,8 +119,9 @@ class Guarded:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            language = preferred_language(Headers(scope=scope).get("accept-language", ""))
-            text = in_language(refusals[0], language)
+            text = in_language(
+                refusals[0], preferred_language(Headers(scope=scope).get("accept-language", ""))
+            )
             await PlainTextResponse(text, 403)(scope, receive, _with_headers(send))
 
 

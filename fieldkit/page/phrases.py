@@ -20,12 +20,10 @@ def issue_document(issue: Mapping[str, Any], language: str) -> dict[str, Any]:
 
     The browser puts what happened, in its own words, into ``{event}``.
     """
-    what, data = issue.get("what", ""), issue.get("data", {})
-    if happened := data.get("happened"):
-        issue = {**issue, "data": {**data, "event": "{event}"}}
-    text = text_of({name: issue[name] for name in ("text", "key", "data") if name in issue})
+    what, data = issue.get("what", ""), {**issue.get("data", {}), "event": "{event}"}
+    text = text_of({"text": issue["text"], "key": issue.get("key"), "data": data})
     about = phrases(language).get(f"issue.about.{what}", what)
-    return {"what": about, "text": in_language(text, language), "happened": happened}
+    return {"what": about, "text": in_language(text, language), "happened": data.get("happened")}
 
 
 class PageError(RefusedError):

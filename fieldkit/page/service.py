@@ -8,7 +8,7 @@ import threading
 
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.page.conductor import Conductor
-from fieldkit.page.hub import Hub, Phase, State
+from fieldkit.page.hub import Hub, Phase
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.request_reader import recover_session
@@ -69,10 +69,6 @@ async def report_page(hub: Hub) -> None:
     """
     notify("READY=1")
     while True:
-        if not _recorder_reports(hub.state):
+        if not (hub.state.ours and hub.state.phase == "recording"):
             notify("WATCHDOG=1", f"STATUS={hub.state.problem or PHASE_TEXTS[hub.state.phase]}")
         await asyncio.sleep(REPORT_EVERY_S)
-
-
-def _recorder_reports(state: State) -> bool:
-    return state.phase == "recording" and state.ours

@@ -22,7 +22,6 @@ from fieldkit.config import Config
 from fieldkit.disk import is_regular
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import find_camera
-from fieldkit.model.errors import RefusedError
 from fieldkit.page import outgoing
 from fieldkit.page.phrases import PageError
 from fieldkit.page.pictures import thumbnail
@@ -104,7 +103,7 @@ class PastSessions:
         try:
             findings = json.loads(output)["sessions"][0]["findings"]
         except (ValueError, KeyError, IndexError):
-            raise _command_error(errors) from None
+            raise command_error(errors, PageError("failed")) from None
         issues = [finding for finding in findings if finding["level"] != "ok"]
         is_clean = not any(finding["level"] == "fail" for finding in findings)
         return is_clean, len(findings), issues
@@ -137,7 +136,7 @@ class PastSessions:
         try:
             return list(json.loads(output)["slopes"])  # there also where none was found
         except (ValueError, KeyError):
-            raise _command_error(errors) from None
+            raise command_error(errors, PageError("failed")) from None
 
     def product(self, kind: str, identity: str) -> Path | asyncio.Task[str]:
         """One of the `PRODUCTS` of a session, or the task that makes it; its result is why it failed."""
@@ -167,7 +166,7 @@ class PastSessions:
                 return await self._make_film(session, file)
             out = () if kind == "report" else ("-o", str(file))
             code, _, errors = await _fieldkit("report", str(session), *out)
-        return "" if code == 0 else _command_error(errors).words
+        return "" if code == 0 else command_error(errors, PageError("failed")).words
 
     async def _make_film(self, session: Path, file: Path) -> str:
         """A film of frames at even intervals; the first camera's, where a session has several."""
@@ -176,7 +175,7 @@ class PastSessions:
         code, output, errors = await _fieldkit("export", str(session), *chosen)
         if code == 0:
             Path(json.loads(output)["files"][0]).replace(file)
-        return "" if code == 0 else _command_error(errors).words
+        return "" if code == 0 else command_error(errors, PageError("failed")).words
 
 
 def _film_frames(path: Path) -> tuple[str, int]:
@@ -186,12 +185,6 @@ def _film_frames(path: Path) -> tuple[str, int]:
         if camera is None:
             raise PageError("no_frame")
         return camera.name, max(1, session.count(camera.name) // FILM_FRAMES)
-
-
-def _command_error(errors: str) -> RefusedError:
-    """The error of a command that the page ran."""
-    error = command_error(errors, "")
-    return error if error.problem else PageError("failed")
 
 
 async def _fieldkit(*arguments: str) -> tuple[int, str, str]:

@@ -206,9 +206,8 @@ class AlarmEngine:
     def _arm(self, stream: str, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
         """From now on, no sample within the hold time is an alarm."""
         watch = self._watch(Condition.SILENT, stream)
-        text = f"no sample of {stream} for more than {watch.rule.hold_s:.0f} s"
         yield from watch.observe(False, time_ns)
-        yield from watch.observe(True, time_ns, text)
+        yield from watch.observe(True, time_ns)
 
     def _event(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
         at, stream = event.time_ns, event.stream

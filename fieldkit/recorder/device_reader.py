@@ -264,7 +264,7 @@ class DeviceReader:
             return
         self._indicators, self._indicators_until_ns = indicators, sample.mono_ns + INDICATORS_EVERY_NS
         severity = Severity.INFO if is_usable(sample.quality) else Severity.WARNING
-        text = ", ".join(indicators).replace("_", " ") or "nothing any more"
+        text = ", ".join(indicators).replace("_", " ") or "–"
         self._report(EventKind.MODE, f"the meter shows: {text}", severity, {"shows": text})
 
     def _across_openings(self, sample: Sample) -> Sample:

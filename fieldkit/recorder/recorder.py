@@ -24,6 +24,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.model.units import SECOND_NS
+from fieldkit.phrases import Words
 from fieldkit.recorder.alarm_outputs import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
@@ -173,11 +174,9 @@ class Recorder:
             self._stop_readers()
             self._finish_events()
             self._finish_estimates()
-            if self._is_split:
-                data = {"next_session": next_session}
-                self._report(EventKind.STOP, f"the recording goes on in {next_session}", data=data)
-            else:
-                self._report(EventKind.STOP, "recording stopped")
+            data = {"next_session": next_session} if self._is_split else {}
+            text = Words("event.stop.next_session", **data) if data else Words("event.stop")
+            self._report(EventKind.STOP, text, data=data)
             seal = self.writer.close()
         self._close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}

@@ -103,7 +103,8 @@ class BackgroundRecording:
         deadline = time.monotonic() + limit_s
         while time.monotonic() < deadline:
             if self.has_ended:
-                raise command_error(self._error_text(), Words("error.ended_at_once"))
+                ended = RefusedError(Words("error.ended_at_once"), fix=Words("fix.terminal"))
+                raise command_error(self._error_text(), ended)
             session = session_in_progress(recordings)
             if session is not None and owner(journal_path(session)) == self.pid:
                 return session
@@ -126,7 +127,7 @@ class BackgroundRecording:
         return self._errors.read().decode(errors="replace")
 
 
-def command_error(printed: str, otherwise: str) -> RefusedError:
+def command_error(printed: str, otherwise: RefusedError) -> RefusedError:
     """The error that a command with ``--json`` left on stderr as its last line; `otherwise` without one."""
     try:
         document = json.loads(printed.splitlines()[-1])
@@ -134,4 +135,4 @@ def command_error(printed: str, otherwise: str) -> RefusedError:
         error.words = text_of(document["words"])
         return error
     except (ValueError, LookupError, TypeError):  # killed, or an option of another version
-        return RefusedError(otherwise, fix=Words("fix.terminal"))
+        return otherwise

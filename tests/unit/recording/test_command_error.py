@@ -46,4 +46,4 @@ def test_a_session_that_cannot_be_estimated_answers_with_its_error(config):
 
 @pytest.mark.parametrize("printed", ["", "Killed\n", "[]", '{"schema": 1}', "null"])
 def test_a_command_that_left_no_error_is_explained_in_words(printed):
-    assert command_error(printed, "ended").message == "ended"
+    assert command_error(printed, RefusedError("ended")).message == "ended"
