@@ -31,6 +31,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, EventKind, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
+from fieldkit.recorder import daemon
 from fieldkit.recorder.alarms import AlarmEngine
 from fieldkit.recorder.home_assistant import HomeAssistant, Publication, alarm_topic
 
@@ -136,7 +137,7 @@ class _Channel:
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(QUEUE_SIZE)
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._is_failing, self._is_over = False, threading.Event()
-        self._hung: list[threading.Thread] = []
+        self._hung: list[Future[None]] = []
         self._thread = threading.Thread(target=self._run, name=f"alarms to {output.name}", daemon=True)
         self._thread.start()
 
@@ -172,7 +173,7 @@ class _Channel:
     def _guard(self, act: Callable[[], None]) -> None:
         try:
             self._in_time(act)
-        except Exception as error:
+        except BaseException as error:  # of a service's library, also SystemExit
             log.warning("alarms do not reach %s: %s", self.output.name, error)
             if not self._is_failing:
                 self._failures.put(str(error) or repr(error))
@@ -182,27 +183,14 @@ class _Channel:
 
     def _in_time(self, act: Callable[[], None]) -> None:
         """Act in another thread: a server that answers in drips outlasts the time limit of its socket."""
-        self._hung = [thread for thread in self._hung if thread.is_alive()]
+        self._hung = [sending for sending in self._hung if not sending.done()]
         if len(self._hung) >= MOST_HUNG:
             raise TimeoutError(f"{MOST_HUNG} earlier alarms are still on their way")
-        finished: Future[None] = Future()
-        thread = threading.Thread(
-            target=_act, args=(act, finished), name=f"to {self.output.name}", daemon=True
-        )
-        thread.start()
-        if not wait([finished], HUNG_AFTER_S).done:
-            self._hung.append(thread)
+        sending = daemon.start(act, f"to {self.output.name}")
+        if not wait([sending], HUNG_AFTER_S).done:
+            self._hung.append(sending)
             raise TimeoutError(f"no complete response within {HUNG_AFTER_S:g} s")
-        finished.result()
-
-
-def _act(act: Callable[[], None], done: Future[None]) -> None:
-    try:
-        act()
-    except Exception as error:
-        done.set_exception(error)
-    else:
-        done.set_result(None)
+        sending.result()
 
 
 class CommandOutput(AlarmOutput):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from concurrent.futures import wait
 from dataclasses import dataclass
 from queue import SimpleQueue
 
@@ -23,6 +23,7 @@ from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.limits import bounds_of, flag_implausible
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.recorder import daemon
 from fieldkit.recorder.sample_queue import SampleQueue
 
 READ_TIMEOUT_S = 0.5
@@ -348,10 +349,8 @@ class DeviceReader:
 
     def _close_in_time(self, device: Device) -> None:
         """Close in a thread, which is left behind if the driver hangs: it is opened again all the same."""
-        closing = threading.Thread(target=_close, args=(device,), daemon=True)
-        closing.start()
-        closing.join(CLOSED_WITHIN_S)
-        if closing.is_alive():
+        closing = daemon.start(device.close, f"close-{self.info.name}")
+        if not wait([closing], CLOSED_WITHIN_S).done:
             self._report(EventKind.LOST, "its driver does not come back from closing it", Severity.ERROR)
 
     def _report(
@@ -365,11 +364,6 @@ class DeviceReader:
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
         self._queue_of(now).put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
-
-
-def _close(device: Device) -> None:
-    with suppress(BaseException):  # the stream is lost or over, however its driver closes it
-        device.close()
 
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:

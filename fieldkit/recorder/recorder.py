@@ -42,6 +42,8 @@ from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
 log: logging.Logger = logging.getLogger(__name__)
+_VIEWS_LOCK = threading.RLock()
+"""Of all views: where one session follows another, two recorders have the same."""
 
 Shown: TypeAlias = Sample | Event | RegionRecord | Minute | Health
 
@@ -130,7 +132,7 @@ class Recorder:
         self._health = HealthMonitor(
             self.clock, self._readers, self._queue, self.writer, self.free_bytes, disk
         )
-        self._views = ViewDispatcher(self.views, self._view_removed)
+        self._shown = list(self.views)
         self._estimating: EstimatorThread | None = EstimatorThread(self.estimator, self._queue)
         self._flags, self._misfits, self._late = FlagMonitor(), MisfitMonitor(), EstimatorMonitor()
         self._counts: Counter[str] = Counter()
@@ -203,7 +205,7 @@ class Recorder:
         if self._estimating is not None:
             self._estimating.close()
         if not self._is_split:
-            self._views.close()
+            self._to_views(lambda view: view.close())
             self.alarms.close()
 
     def _new_queue(self) -> SampleQueue:
@@ -465,7 +467,7 @@ class Recorder:
 
     def _pass_on(self, item: Shown) -> None:
         """Show an item that is stored, and store the alarms that follow from it."""
-        self._views.show(item)
+        self._to_views(lambda view: view.show(item))
         if self._is_split:  # alarms are the next session's
             return
         try:
@@ -479,35 +481,15 @@ class Recorder:
         for event in events:
             self._keep_event(event)
 
-    def _view_removed(self, error: Exception) -> None:
-        if not self.writer.is_closed:
-            self._report(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
-
-
-class ViewDispatcher:
-    """Passes items to all views; one that raises is removed, and `removed` receives its error."""
-
-    _lock = threading.RLock()  # of all: where one session follows another, two recorders have the same views
-
-    def __init__(self, views: Sequence[View], removed: Callable[[Exception], None]) -> None:
-        self._views = list(views)
-        self._removed = removed
-
-    def show(self, item: Shown) -> None:
-        """Show an item to every view."""
-        for view in tuple(self._views):
-            self._guard(view, partial(view.show, item))
-
-    def close(self) -> None:
-        """Close every view: the recording is over."""
-        for view in tuple(self._views):
-            self._guard(view, view.close)
-
-    def _guard(self, view: View, act: Callable[[], None]) -> None:
-        try:
-            with self._lock:
-                act()
-        except Exception as error:
-            log.exception("view failed")
-            self._views.remove(view)
-            self._removed(error)
+    def _to_views(self, act: Callable[[View], None]) -> None:
+        """Act on every view; one that raises is removed and reported."""
+        for view in tuple(self._shown):
+            try:
+                with _VIEWS_LOCK:
+                    act(view)
+            except Exception as error:
+                log.exception("view failed")
+                self._shown.remove(view)
+                if not self.writer.is_closed:
+                    text = f"a view stopped: {error!r}; recording goes on"
+                    self._report(EventKind.VIEW, text, Severity.WARNING)

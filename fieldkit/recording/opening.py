@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from threading import Thread
 from threading import enumerate as enumerate_threads
 
 from fieldkit.config import Config
@@ -28,6 +28,7 @@ from fieldkit.model.errors import (
 )
 from fieldkit.model.next_step import Action, Sentence
 from fieldkit.phrases import Words
+from fieldkit.recorder import daemon
 
 SIMULATED = "simulated"
 NAMED_AFTER_S = 10.0
@@ -140,7 +141,6 @@ def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
     raises. What is opened later all the same is closed at once. While `MOST_HANGING` earlier attempts have
     not come back there is no other.
     """
-    opening: Future[Device] = Future()
     limit_s, name = settings.connect_timeout_s, f"open-{settings.name}"
     hanging = HangingDriverError(
         Words("error.hanging", driver=settings.driver, seconds=f"{limit_s:g}"),
@@ -149,7 +149,7 @@ def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
     )
     if sum(thread.name == name for thread in enumerate_threads()) >= MOST_HANGING:
         raise hanging
-    Thread(target=_open_into, args=(opening, settings, clock), name=name, daemon=True).start()
+    opening = daemon.start(partial(_open, settings, clock), name)
     try:
         if not wait([opening], min(NAMED_AFTER_S, limit_s)).done and limit_s > NAMED_AFTER_S:
             log.warning("%s: still opening it after %g s", settings.name, NAMED_AFTER_S)
@@ -162,20 +162,19 @@ def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
     return opening.result()
 
 
-def _open_into(opening: Future[Device], settings: DeviceSettings, clock: Clock) -> None:
+def _open(settings: DeviceSettings, clock: Clock) -> Device:
     with clock.taking_part():
         try:
-            opening.set_result(registry.open_device(settings, clock))
-        except FieldkitError as error:
-            opening.set_exception(error)
+            return registry.open_device(settings, clock)
+        except FieldkitError:
+            raise
         except BaseException as error:  # another package's code may fail in any way, also by SystemExit
             log.info("the driver %s failed", settings.driver, exc_info=True)
-            failure = DeviceError(
+            raise DeviceError(
                 Words("error.driver_failed", driver=settings.driver, error=repr(error)),
                 place=settings.name,
                 fix=Words("fix.replug"),
-            )
-            opening.set_exception(failure)
+            ) from error
 
 
 def _close_late(opening: Future[Device]) -> None:
@@ -185,11 +184,8 @@ def _close_late(opening: Future[Device]) -> None:
 
 def _close_all(devices: Sequence[Device]) -> None:
     """Close each device in a thread of its own, which is left behind if its driver hangs."""
-    threads = [Thread(target=_close, args=(device,), daemon=True) for device in devices]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(CLOSED_WITHIN_S)
+    closing = [daemon.start(partial(_close, device), f"close-{device.info.name}") for device in devices]
+    wait(closing, CLOSED_WITHIN_S)
 
 
 def _close(device: Device) -> None:
