@@ -95,7 +95,7 @@ def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Deco
     """Explain a file or line of hex as frames of one length.
 
     `lengths` are those the family has; the one that divides the data is taken, the longest that
-    fits otherwise, and what else it could be is noted. A frame becomes its minimum, mean and maximum.
+    fits otherwise. A frame becomes its minimum, mean and maximum.
     """
     length = _frame_length(len(data), lengths)
     whole = len(data) // length * length if length else 0
@@ -109,21 +109,10 @@ def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Deco
         else:
             values.extend(summary(frame))
             notes.append(_note(frame))
-    notes += _other_readings(len(data), length, lengths)
-    return Decoded(tuple(values), tuple(rejected), len(data) - whole, tuple(notes))
-
-
-def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[str]:
-    """Other meanings that so many bytes could have, or what they would have to be."""
-    if not size:
-        return []
-    if not length or size % length:
+    if whole < len(data):
         sizes = " or ".join(str(length) for length in sorted(lengths))
-        return [f"a frame of this family has {sizes} bytes"]
-    others = [other for other in sorted(lengths) if other != length and size % other == 0]
-    return [
-        f"could also be {size // other} frames of {other} bytes; cut the file to decide" for other in others
-    ]
+        notes.append(f"a frame of this family has {sizes} bytes")
+    return Decoded(tuple(values), tuple(rejected), len(data) - whole, tuple(notes))
 
 
 def _note(frame: DecodedFrame) -> str:
