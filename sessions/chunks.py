@@ -54,6 +54,8 @@ def read_chunk(path: Path, chunk: Chunk) -> bytes | None:
     """The packed bytes of a chunk, wherever the file's own index may be; None if they are not as written."""
     try:
         with path.open("rb", buffering=0) as file:
+            if chunk.offset + chunk.size > os.fstat(file.fileno()).st_size:
+                return None
             data = os.pread(file.fileno(), chunk.size, chunk.offset)
     except OSError:
         return None

@@ -77,6 +77,8 @@ class SessionIdentity:
         version, *fields = json.loads(text)
         check_version(folder, str(version))
         part, device, inode, boot, session_id, start_ns, anchor_ns, header = fields
+        if max(abs(int(start_ns)), abs(int(anchor_ns))) >= 2**63:
+            raise ValueError("times that no clock shows")
         identity = cls(str(session_id), int(start_ns), int(anchor_ns), SessionHeader.from_json(header))
         return identity, Origin(int(part), int(device), int(inode), str(boot))
 
@@ -254,9 +256,10 @@ def encode_chunks(chunks: Sequence[Chunk]) -> bytes:
 
 def decode_chunks(payload: bytes) -> list[Chunk]:
     """Places from `encode_chunks`."""
-    n, length = _BLOCK.unpack_from(payload)
+    n, length = _BLOCK.unpack_from(payload.ljust(_BLOCK.size, b"\0"))
     name, places = payload[_BLOCK.size :][:length], payload[_BLOCK.size + length :]
-    return [Chunk(name.decode(), n, *place) for place in _CHUNK.iter_unpack(places)]
+    whole = places[: len(places) // _CHUNK.size * _CHUNK.size]
+    return [Chunk(name.decode(errors="replace"), n, *place) for place in _CHUNK.iter_unpack(whole)]
 
 
 # --- on the disk, second by second

@@ -10,15 +10,17 @@ from __future__ import annotations
 import contextlib
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from statistics import mode
+from typing import Any
 
 import numpy as np
 
 from fieldkit.model.arrays import IntArray, TableArray
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FormatError, SessionError
 from fieldkit.sessions.journal import Chunk, SessionIdentity, decode_chunks
 from fieldkit.sessions.lock import OWNER_BYTES, RECORDING
@@ -43,13 +45,14 @@ class JournalReader:
         numbers = [session_number(identity.session_id)] if identity else session_numbers(folder)
         self._session = mode(numbers or [0])
         try:
-            stated = [*self._identities(), *([identity] if identity else [])]
-            if not stated:
+            self._stated = [*self._identities(), *([identity] if identity else [])]
+            if not self._stated:
                 raise SessionError("holds no readable journal", place=folder)
         except SessionError:
             self.close()
             raise
-        self.identity: SessionIdentity = stated[0]
+        self.identity: SessionIdentity = self._stated[0]
+        self._in_file = identity
         self._logs.sort(key=lambda log: (log.part, log.is_copy))
         self._entries = len(self.identity.header.streams)
 
@@ -63,6 +66,26 @@ class JournalReader:
         """Close the files."""
         for log in self._logs:
             log.close()
+
+    def compare_sizes(self) -> None:
+        """Take the first header that declares the streams as large as their samples are.
+
+        Raises `SessionError` where none does: arrays are made of the declared sizes.
+        """
+        samples = [self._last_sample(stream) for stream in range(self._entries)]
+        for identity in self._stated:
+            streams = identity.header.streams
+            in_file = self._in_file.header.streams if self._in_file else streams
+            fits = all(row is None or row.sample(info) for info, row in zip(streams, samples, strict=False))
+            if fits and _sizes(streams) == _sizes(in_file):
+                self.identity = identity
+                return
+        raise SessionError("declares samples of other sizes than it holds", place=self.folder)
+
+    def _last_sample(self, stream: int) -> SampleRow | None:
+        """The last sample whose bytes are here; the first ones are in the session file alone."""
+        latest = self._index.places[stream]["seq"][-9:]
+        return next((row for row in self.rows(stream, *latest[:1]) if row.data is not None), None)
 
     @property
     def damage(self) -> list[str]:
@@ -181,6 +204,10 @@ class JournalReader:
     @cached_property
     def _index(self) -> _Index:
         return _Index(self._logs, self._session, self._entries + 1)
+
+
+def _sizes(streams: Iterable[StreamInfo]) -> list[tuple[Any, ...]]:
+    return [(info.name, info.shape, info.metadata_shape, info.raw_bytes) for info in streams]
 
 
 def session_numbers(folder: Path) -> list[int]:

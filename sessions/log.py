@@ -30,7 +30,7 @@ _FIXED = struct.Struct("<4sIHHHII")
 _CRC = struct.Struct("<I")
 _WINDOW = 65_536
 _SECTOR = 4096
-_MOST_COUNTS = 1024
+_MOST_COUNTS, _MOST_RECORDS = 1024, 2**48
 
 
 class Kind(IntEnum):
@@ -221,7 +221,8 @@ class LogReader:
         if len(rest) != 8 * streams + _CRC.size or _CRC.pack(crc32(head)) != stored:
             return None
         record = Head(at, session, kind, stream, struct.unpack_from(f"<{streams}Q", rest), length, crc)
-        return record if record.end <= self._size else None
+        is_possible = stream < streams and max(record.counts) < _MOST_RECORDS
+        return record if record.end <= self._size and is_possible else None
 
     def _behind(self, head: Head) -> int:
         """Possible start of the next record: behind this one, or where it lacks bytes, within its length."""

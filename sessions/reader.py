@@ -435,7 +435,7 @@ class SessionReader:
             return {
                 column.name: datasets[column.name][:length]
                 if column.name in datasets
-                else column.unknown(length)
+                else stored.unknown_rows(self._file, column, length)
                 for column in declared
             }
 

@@ -97,7 +97,9 @@ class Salvage:
         """The journal of the file's session; without the file of that which most of its logs are of."""
         identity = self._session.identity if self._session is not None else None
         try:
-            return stack.enter_context(JournalReader(journal_path(self._path), identity))
+            journal = stack.enter_context(JournalReader(journal_path(self._path), identity))
+            journal.compare_sizes()
+            return journal
         except FormatError:
             raise
         except SessionError as error:

@@ -103,7 +103,9 @@ def to_journal(stamps: Stamps, crc: int, size: int) -> bytes:
 
 
 def from_journal(payload: bytes, seq: int) -> tuple[Stamps, int, int]:
-    """Numbers, checksum and size that `to_journal` wrote."""
+    """Numbers, checksum and size that `to_journal` wrote; raises `ValueError` for too few bytes."""
+    if len(payload) < STAMPS_BYTES:
+        raise ValueError(f"a sample of {len(payload)} bytes")
     *values, crc, size = _JOURNAL.unpack_from(payload)
     values.insert(_SEQ, seq)
     values[_FLAGS] = Quality(values[_FLAGS])

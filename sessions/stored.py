@@ -15,10 +15,14 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldkit.model.arrays import IntArray
+from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.model.next_step import Action
 from fieldkit.sessions.layout import Column, decode_text
+from fieldkit.sessions.superblock import real_bytes
+
+MOST_CHUNK_BYTES = 16_777_216
+"""A chunk of a table; the writer's have a few hundred kilobytes at most."""
 
 DEFLATE_RATIO = 1032
 """Nothing that deflate packs is larger: zlib's technical details."""
@@ -121,6 +125,9 @@ def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
     """
     if not salvage and dataset.size * dataset.dtype.itemsize > stored_bytes(dataset):
         raise SessionError(f"claims {dataset.shape} values that are not there", place=dataset.name)
+    most = min(MOST_CHUNK_BYTES, file_bytes(dataset)) if dataset.size and not salvage else MOST_CHUNK_BYTES
+    if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > most:
+        raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
 
 
 def stored_bytes(dataset: h5py.Dataset) -> int:
@@ -132,8 +139,19 @@ def stored_bytes(dataset: h5py.Dataset) -> int:
 
 
 def file_bytes(node: h5py.Group | h5py.Dataset) -> int:
-    """Bytes of the file that an object lies in."""
-    return int(h5py.h5i.get_file_id(node.id).get_filesize())
+    """Bytes of the file that an object lies in, without those that it has lost but counts."""
+    file = h5py.h5i.get_file_id(node.id)
+    return real_bytes(file.name) or int(file.get_filesize())
+
+
+def unknown_rows(group: h5py.Group, column: Column, rows: int) -> AnyArray:
+    """Rows of a column that a file never had; raises `SessionError` where no such file could have them.
+
+    That so many rows are there is known of other columns, which may be a thousand times as narrow.
+    """
+    if rows * column.row_bytes > file_bytes(group):
+        raise SessionError(f"lacks {rows} rows of {column.shape}", place=f"{group.name}/{column.name}")
+    return column.unknown(rows)
 
 
 def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:
@@ -148,4 +166,6 @@ def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:
 
     with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
         dataset.id.chunk_iter(visit)
+    if sum(last - first for first, last in spans) * row_bytes > end:  # many chunks at one place
+        raise SessionError("its index is damaged", place=dataset.name)
     return np.sort(np.concatenate([np.empty(0, np.int64), *(np.arange(*span) for span in spans)]))

@@ -27,7 +27,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions import stored
 from fieldkit.sessions.chunks import is_packed, read_block
-from fieldkit.sessions.layout import FILL_COUNT, MOST_BLOCK_BYTES, block_rows, stream_columns
+from fieldkit.sessions.layout import FILL_COUNT, MOST_BLOCK_BYTES, block_rows, chunk_shape, stream_columns
 from fieldkit.sessions.records import build_sample, stored_crc32s
 from fieldkit.sessions.sample_fields import from_columns
 from fieldkit.sessions.time_map import StoredTimes
@@ -104,11 +104,11 @@ class StreamReader:
         self._is_outline = outline
         columns = [self._declared["time"]] if outline else self._declared.values()
         self._columns = stored.columns_of(self._group, columns, salvage=salvage)
-        self._depth = block_rows(info)
         self.frame_datasets: list[h5py.Dataset] = []
         """Those of a camera: its counts and metadata rows."""
         if info.is_camera and not outline:
             self.frame_datasets = self._open_frames()
+        self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
         self._packed = {frames.name for frames in self.frame_datasets if is_packed(frames)}
 
@@ -118,8 +118,12 @@ class StreamReader:
 
     def _frame_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
         dataset = stored.dataset_of(self._group, name, shape, "u2")
-        if 2 * self._depth * math.prod(shape) > _most_bytes(dataset):
+        block = (chunk_shape(self.info)[0], *shape)
+        if 2 * math.prod(block) > _most_bytes(dataset):
             raise SessionError(f"frames of {shape}, larger than any camera's", place=dataset.name)
+        chunks = dataset.chunks or (math.inf,)
+        if any(side > most for side, most in zip(chunks, block, strict=False)):
+            raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
         return dataset
 
     def __len__(self) -> int:
@@ -158,7 +162,7 @@ class StreamReader:
         """
         end = len(self) if stop is None else min(stop, len(self))
         if name not in self._columns:
-            return self._declared[name].unknown(max(0, end - start))
+            return stored.unknown_rows(self._group, self._declared[name], max(0, end - start))
         return _rows(self._columns[name], start, end)
 
     def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:

@@ -25,6 +25,7 @@ _WRITTEN, _SHARED = 1, 4
 _MASK = 0xFFFFFFFF
 CHECK_PATH = "check the path; " + Action.LIST_SESSIONS() + " shows the sessions of a campaign"
 _ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/")  # of Windows, a drive has one letter
+_NAME = re.compile(rb"<mended session of (\d+) bytes>")  # from a dataset only the file's name can be had
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
 
 
@@ -71,6 +72,12 @@ def _superblock(path: Path, file: BinaryFile) -> bytes:
     if head[_VERSION] != 3:
         raise SessionError(Words("error.not_session"), place=path, fix=CHECK_PATH)
     return head
+
+
+def real_bytes(name: bytes) -> int:
+    """Bytes that a mended file has on the disk, by the name that HDF5 knows it by; 0 for other files."""
+    mended = _NAME.fullmatch(name)
+    return int(mended[1]) if mended else 0
 
 
 def mend(superblock: bytes, length: int) -> bytes:
@@ -146,9 +153,14 @@ class MendedFile(io.RawIOBase):
         self._file: BinaryFile = _open(path) if file is None else file
         self._is_own = file is None
         head = _superblock(path, self._file)
-        self._length = max(self._file.seek(0, io.SEEK_END), _recorded_end(head))
+        self._bytes = self._file.seek(0, io.SEEK_END)
+        self._length = max(self._bytes, _recorded_end(head))
         self._head = mend(head, self._length)
         self._position = 0
+
+    def __repr__(self) -> str:
+        """The name that HDF5 knows the file by."""
+        return f"<mended session of {self._bytes} bytes>"
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move; returns the new position."""

@@ -9,7 +9,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import datetime, time
+from datetime import date, datetime, time, timedelta
 from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
@@ -24,14 +24,19 @@ from fieldkit.native_code import quiet
 from fieldkit.sessions.formats.imported import explained, refuse_large
 
 if TYPE_CHECKING:
-    pass
+    from python_calamine import CalamineSheet
 
 Cells = Sequence[Any]
 _Read = tuple[Iterable[Cells], tuple[str, ...]]
 
 _MOST_BYTES = 200_000_000
+_EPOCH = datetime(1899, 12, 30)
+"""Day 0 of spreadsheets, so that day 61 is 1900-03-01."""
+_OF_THIS_TIME = (30_000.0, 80_000.0)
+"""Days since then from 1982 to 2119: other numbers are no dates."""
 _MIDC = re.compile(rb"DATE \(MM/DD/YYYY\),[A-Z]{3}\b")
 _DECIMAL_COMMA = re.compile(r"^\s*([+-]?\d+),(\d{1,2}|\d{4,})\s*$")
+_TIME_WORDS = re.compile(r"date|time|stamp|zeit|datum|uhr|fecha|hora|heure|ora\b|日|時", re.IGNORECASE)
 
 
 class Contents(NamedTuple):
@@ -77,7 +82,7 @@ def _workbook(path: Path, sheet: str) -> _Read:
     if unknown := {*names} - {*book.sheet_names}:
         fix = f"name one of its sheets: {', '.join(book.sheet_names)}"
         raise ConfigError(f"no sheet {unknown.pop()!r}", place=path, fix=fix)
-    sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in names}
+    sheets = {name: _rows(book.get_sheet_by_name(name)) for name in names}
     tables = {name: rows for name, rows in sheets.items() if _has_table(rows)}
     if not tables:
         raise ConfigError("no sheet has a table", place=path, fix="name a workbook with a table of values")
@@ -86,10 +91,31 @@ def _workbook(path: Path, sheet: str) -> _Read:
         raise ConfigError(problem, place=path, fix=Argument("sheet", next(iter(tables))))
     ((name, rows),) = tables.items()
     notes: tuple[str, ...] = (f"sheet {name!r}",) if len(book.sheet_names) > 1 else ()
-    columns = [*zip_longest(*rows, fillvalue="")]
+    columns = [list(column) for column in zip_longest(*rows, fillvalue="")]
     while not any(map(_is_filled, columns[0])):
         del columns[0]
+    if not any(isinstance(cell, date | time) for column in columns for cell in column):
+        serial = [column for column in columns if _is_serial(column)]
+        for column in serial:
+            column[:] = [_moment(cell) if isinstance(cell, float) else cell for cell in column]
+        if serial:
+            notes += ("numbers of days taken as dates and times, as spreadsheets count them",)
     return zip(*columns, strict=True), notes
+
+
+def _rows(sheet: CalamineSheet) -> list[list[Any]]:
+    """The rows; a heading over several columns, but not over the first, stands before each name below it."""
+    rows: list[list[Any]] = sheet.to_python(skip_empty_area=False)
+    for (top, left), (bottom, right) in sorted(sheet.merged_cell_ranges or (), reverse=True):
+        if 0 < left < right and top == bottom < len(rows) - 1:
+            heading, below = rows[top], rows[top + 1]
+            names = [f"{heading[left]} {below[col]}" for col in range(left, right + 1)]
+            rows[top + 1] = [
+                *(below[col] or heading[col] for col in range(left)),
+                *names,
+                *below[right + 1 :],
+            ]
+    return rows
 
 
 def _has_table(rows: Sequence[Cells]) -> bool:
@@ -98,6 +124,20 @@ def _has_table(rows: Sequence[Cells]) -> bool:
 
 def _is_filled(cell: object) -> bool:
     return cell not in ("", None)
+
+
+def _is_serial(column: Cells) -> bool:
+    """True of a column called a date or time whose numbers are days since 1899, or parts of a day."""
+    numbers = [cell for cell in column if isinstance(cell, float)]
+    is_named = any(isinstance(cell, str) and _TIME_WORDS.search(cell) for cell in column)
+    low, high = _OF_THIS_TIME
+    are_days = all(low < number < high for number in numbers) or all(0 <= number < 1 for number in numbers)
+    return is_named and len(numbers) > 1 and are_days
+
+
+def _moment(days: float) -> datetime | time:
+    moment = _EPOCH + timedelta(milliseconds=round(days * 86_400_000.0))
+    return moment.time() if days < 1.0 else moment
 
 
 def _columns(path: Path, sheet: str) -> _Read:

@@ -262,6 +262,27 @@ def _claim_many_rows(file: h5py.File) -> None:
             file["lux"][name].resize(10**12, axis=0)
 
 
+def _huge_chunks(file: h5py.File) -> None:
+    del file["camera/counts"]
+    shape = (10, 24, 32)
+    file.create_dataset("camera/counts", shape, "<u2", maxshape=(None, 24, 32), chunks=(1_000_000, 24, 32))
+
+
+def _one_wide_chunk(file: h5py.File) -> None:
+    """No side is the first that is larger than a picture's."""
+    del file["camera/counts"]
+    file.create_dataset("camera/counts", (10, 24, 32), "<u2", maxshape=(None,) * 3, chunks=(9, 1, 30_000_000))
+
+
+def _table_of_wide_chunks(file: h5py.File) -> None:
+    values = file["lux/value"][:]
+    del file["lux/value"]
+    wide = file.create_dataset(
+        "lux/value", values.shape, "<f8", maxshape=(None,), chunks=(10_000_000,), compression="gzip"
+    )
+    wide[:] = values
+
+
 def _other_shape(file: h5py.File) -> None:
     del file["camera/counts"]
     file.create_dataset("camera/counts", (10, 24000, 32000), "<u2", chunks=(1, 100, 100))
@@ -269,19 +290,6 @@ def _other_shape(file: h5py.File) -> None:
 
 def _huge_picture_declared(file: h5py.File) -> None:
     change_header(file, lambda plain: plain["streams"][0].update(shape=[10**6, 10**6]))
-
-
-def _frames_never_written(file: h5py.File) -> None:
-    """More than the file has bytes for, and within what an instrument may have."""
-    change_header(file, lambda plain: plain["streams"][0].update(shape=[4000, 4000]))
-    del file["camera/counts"]
-    shape, most = (10, 4000, 4000), (None, 4000, 4000)
-    file.create_dataset("camera/counts", shape, "<u2", maxshape=most, chunks=(8, 50, 80))
-
-
-def _text_never_written(file: h5py.File) -> None:
-    del file["config/header"]
-    file.create_dataset("config/header", (), h5py.string_dtype("utf-8", 15_000_000))
 
 
 def _header_is_no_json(file: h5py.File) -> None:
@@ -326,8 +334,8 @@ def _look_at_everything(session: SessionReader) -> None:
         _outside("time_map/add_ns", "/lux/seq"),
         *map(_without, ("camera", "config/header", "events", "time_map", "integrity")),
         _table_is_a_dataset, _outside_link, _soft_link, _outside_storage, _virtual,
-        _claim_many_rows, _other_shape,
-        _huge_picture_declared, _frames_never_written, _text_never_written, _header_is_no_json,
+        _claim_many_rows, _huge_chunks, _one_wide_chunk, _table_of_wide_chunks, _other_shape,
+        _huge_picture_declared, _header_is_no_json,
     ],
 )  # fmt: skip
 def test_hostile_session_is_refused_without_much_memory(path, harm):

@@ -1,7 +1,7 @@
 """Tables that are no text: the values and times that went in, whatever holds them."""
 
 import gzip
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,11 @@ CELSIUS = [20.0 + 0.25 * minute for minute in range(12)]
 LUX = [50_000.0 + 100 * minute for minute in range(12)]
 FRAME = pd.DataFrame({"time": STAMPS, "bed [C]": CELSIUS, "light [lx]": LUX})
 IN_UTC = ImportOptions(zone="UTC")
+
+
+def days(stamp: datetime) -> float:
+    """As a spreadsheet counts them: 1 is 1900-01-01, and 60 the day that 1900 did not have."""
+    return (stamp - datetime(1899, 12, 30)) / timedelta(days=1)
 
 
 def workbook(path, **sheets):
@@ -40,7 +45,9 @@ WORKBOOKS = {
     "title above": rows(above=[["Garden"], [], ["Logger", "MX2203"]]),
     "a free column before it": rows(("", "time", "bed [C]", "light [lx]"), lambda stamp: ["", stamp]),
     "text": rows(stamp=lambda stamp: [stamp.isoformat()]),
+    "days as numbers": rows(stamp=lambda stamp: [days(stamp)]),
     "date and time": rows(TWO, lambda stamp: [stamp.date(), stamp.time()]),
+    "date and time as numbers": rows(TWO, lambda stamp: [days(stamp) // 1, days(stamp) % 1]),
     "units in a line below": [["time", "bed", "light"], ["", "°C", "lx"], *rows()[1:]],
 }
 
@@ -53,6 +60,22 @@ def assert_whole(path, options=IN_UTC):
     assert values["illuminance"] == pytest.approx(LUX)
     stamps = sorted({sample.time_ns for sample in imported.samples})
     assert stamps == [int(stamp.replace(tzinfo=UTC).timestamp()) * 10**9 for stamp in STAMPS]
+
+
+def test_a_heading_over_several_columns_belongs_to_each_name_below_it(tmp_path):
+    with xlsxwriter.Workbook(tmp_path / "a.xlsx", {"default_date_format": "yyyy-mm-dd hh:mm"}) as book:
+        sheet = book.add_worksheet()
+        sheet.merge_range(0, 0, 0, 2, "Garden 2026")
+        sheet.merge_range(1, 1, 1, 2, "Beds")
+        for number, row in enumerate([["time"], ["", "north [C]", "south [C]"]], start=1):
+            sheet.write_row(number, 0, row)
+        sheet.write(1, 1, "Beds")
+        for number, (stamp, celsius) in enumerate(zip(STAMPS, CELSIUS, strict=True), start=3):
+            sheet.write_row(number, 0, [stamp, celsius, f"{celsius + 1:.2f}".replace(".", ",")])
+    imported = read_source(tmp_path / "a.xlsx", IN_UTC)
+    (info,) = imported.streams
+    assert info.channels == ("Beds north", "Beds south")
+    assert [sample.values[1] for sample in imported.samples] == pytest.approx(np.array(CELSIUS) + 274.15)
 
 
 @pytest.mark.parametrize("kind", WORKBOOKS)
