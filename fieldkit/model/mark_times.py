@@ -81,4 +81,4 @@ def moment_of(when: When, now: datetime) -> datetime:
 def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
     """Raise `ConfigError` for a shade test of a region that there is not."""
     if test is not None and test[0] not in names:
-        raise ConfigError(Words("error.no_region_so"), place=test[0], fix=did_you_mean(test[0], names))
+        raise ConfigError(Words("error.no_region"), place=test[0], fix=did_you_mean(test[0], names))
