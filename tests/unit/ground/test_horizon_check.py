@@ -22,20 +22,9 @@ HORIZON = ((169.9, 0.0), (170.0, 60.0), (190.0, 60.0), (190.1, 0.0))
 def minute(number: int, b15_k: float, phase: str = "") -> Minute:
     data = {"shaded": "b15", "phase": phase}
     events = (Event(EventKind.ESTIMATOR, 0, number * MINUTE_NS, "shade", data=data),) if phase else ()
+    kelvin, light = {"flat": 300.0, "b15": b15_k}, (math.nan, 800.0, "")
     return Minute(
-        time_ns=number * MINUTE_NS,
-        estimates=(),
-        temperature_k={"flat": 300.0, "b15": b15_k},
-        spread_k={},
-        pixels={},
-        illuminance_lx=math.nan,
-        dni_w_m2=800.0,
-        irradiance_model="",
-        sun_zenith_deg=60.0,
-        sun_azimuth_deg=150.0 + number,
-        contact_k=(),
-        flags=Quality.GOOD,
-        events=events,
+        number * MINUTE_NS, (), kelvin, {}, {}, *light, 60.0, 150.0 + number, (), Quality.GOOD, events
     )
 
 

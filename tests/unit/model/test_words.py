@@ -55,6 +55,12 @@ def test_numbers_of_a_unit_become_those_of_the_stream(unit, number, stored):
     assert (number + row.add) / row.by == pytest.approx(stored, rel=1e-4)
 
 
+WITHOUT_A_UNIT = (
+    "Sensor C|Ch K|Thermocouple K|TC K|T_a|G(h)|Temp(1)|T (shade)|batteryV|temp_min|"
+    "Global CMP22 (vent/cor)|WS_ms|note"
+)
+
+
 @pytest.mark.parametrize(
     ("label", "name", "unit"),
     [
@@ -81,24 +87,7 @@ def test_numbers_of_a_unit_become_those_of_the_stream(unit, number, stored):
         ("ghi_w_m2", "ghi", "w_m2"),
         ("sky.lux", "sky", "lux"),
         ("lux", "lux", "lux"),
-        *(
-            (label, label, "")
-            for label in (
-                "Sensor C",
-                "Ch K",
-                "Thermocouple K",
-                "TC K",
-                "T_a",
-                "G(h)",
-                "Temp(1)",
-                "T (shade)",
-                "batteryV",
-                "temp_min",
-                "Global CMP22 (vent/cor)",
-                "WS_ms",
-                "note",
-            )
-        ),
+        *((label, label, "") for label in WITHOUT_A_UNIT.split("|")),
     ],
 )
 def test_a_unit_is_found_wherever_a_label_has_it(label, name, unit):

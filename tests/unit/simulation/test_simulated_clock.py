@@ -6,6 +6,8 @@ import sys
 import threading
 import time
 import tty
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 
@@ -21,33 +23,21 @@ def clock():
         yield clock
 
 
-class Crew:
-    """Threads that take part; time stands until all of them have joined."""
+def work(clock, *jobs):
+    """Threads that take part, one for each job; time stands until all of them have joined."""
+    joined, pool = threading.Barrier(len(jobs) + 1), ThreadPoolExecutor(len(jobs))
 
-    def __init__(self, clock):
-        self.clock, self.threads, self.errors = clock, [], []
+    def take_part(job):
+        with clock.taking_part():
+            joined.wait()
+            job()
 
-    def hire(self, name, work):
-        self.threads.append(threading.Thread(target=self._run, args=(work,), name=name, daemon=True))
-
-    def _run(self, work):
-        with self.clock.taking_part():
-            self.joined.wait()
-            try:
-                work()
-            except Exception as error:
-                self.errors.append(error)
-
-    def work(self, timeout_s=60.0):
-        self.joined = threading.Barrier(len(self.threads) + 1)
-        with self.clock.taking_part():
-            for thread in self.threads:
-                thread.start()
-            self.joined.wait()
-        for thread in self.threads:
-            thread.join(timeout_s)
-            assert not thread.is_alive(), f"{thread.name} still waits"
-        assert not self.errors, self.errors
+    with clock.taking_part():
+        running = [pool.submit(take_part, job) for job in jobs]
+        joined.wait()
+    for each in running:
+        each.result(60.0)
+    pool.shutdown()
 
 
 @contextlib.contextmanager
@@ -110,30 +100,24 @@ def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
 
 
 def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
-    seen, crew = [], Crew(clock)
+    seen = []
 
     def at_work():
         before = clock.mono_ns()
         time.sleep(0.05)  # work: real time passes alone
         seen.append(clock.mono_ns() - before)
 
-    crew.hire("sleeper", lambda: clock.sleep(1e6))
-    crew.hire("worker", at_work)
-    crew.work()
+    work(clock, lambda: clock.sleep(1e6), at_work)
     assert seen == [0]
 
 
 def test_whoever_leaves_or_dies_is_not_waited_for(clock):
-    crew = Crew(clock)
-
     def dies():
         clock.sleep(1.0)
         raise ValueError("broken")
 
-    crew.hire("dies", dies)
-    crew.hire("goes on", lambda: clock.sleep(1000.0))
-    with pytest.raises(AssertionError, match="broken"):
-        crew.work()
+    with pytest.raises(ValueError, match="broken"):
+        work(clock, lambda: clock.sleep(1000.0), dies)
     assert clock.mono_ns() == START_MONO_NS + 1000 * SECOND_NS
 
 
@@ -153,27 +137,27 @@ def test_bytes_end_a_wait_at_the_time_they_are_sent(clock):
 
 @pytest.mark.parametrize("load", [False, True], ids=["idle computer", "busy computer"])
 def test_request_and_answer_take_the_same_time_however_busy_the_computer(clock, load):
-    rounds = 40
+    asked = [
+        [START_MONO_NS + round(turn * every_s * SECOND_NS) for turn in range(40)]
+        for every_s in (0.5, 0.6, 0.7)
+    ]
+    heard = [[] for _ in asked]
+
+    def driver(fd, asked, heard):
+        for at_ns in asked:
+            clock.sleep_until(at_ns)
+            os.write(fd, b"?")
+            assert clock.wait_readable(fd, 0.2), "no answer"
+            heard.append((int(os.read(fd, 100)), clock.mono_ns()))
+
     with contextlib.ExitStack() as stack:
-        crew, heard = Crew(clock), {}
-        for number in range(3):
-            fd = stack.enter_context(instrument(clock))
-
-            times, every_s = heard.setdefault(number, []), 0.5 + number / 10
-
-            def ask(fd=fd, times=times, every_s=every_s):
-                for turn in range(rounds):
-                    clock.sleep_until(START_MONO_NS + round(turn * every_s * SECOND_NS))
-                    os.write(fd, b"?")
-                    assert clock.wait_readable(fd, 0.2), "no answer"
-                    times.append((int(os.read(fd, 100)), clock.mono_ns()))
-
-            crew.hire(f"driver {number}", ask)
+        drivers = [
+            partial(driver, stack.enter_context(instrument(clock)), *times)
+            for times in zip(asked, heard, strict=True)
+        ]
         with busy_computer() if load else contextlib.nullcontext():
-            crew.work()
-    for number, times in heard.items():
-        asked = [START_MONO_NS + round(turn * (0.5 + number / 10) * SECOND_NS) for turn in range(rounds)]
-        assert times == [(at_ns, at_ns + 30_000_000) for at_ns in asked]
+            work(clock, *drivers)
+    assert heard == [[(at_ns, at_ns + 30_000_000) for at_ns in times] for times in asked]
 
 
 def test_failure_of_an_instrument_is_told_to_whoever_waits(clock, caplog):

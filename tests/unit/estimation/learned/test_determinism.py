@@ -11,11 +11,8 @@ import pytest
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.physics.facet import normal
 from tests.harness.drawn import drawn_world
-from tests.harness.last_minute import last_of
 
 
 def assert_equal(ones, others):
@@ -67,16 +64,3 @@ def test_the_chain_leaves_histories_as_they_are():
     SlopeChain(world.regions, replace(world.settings, model="learned")).at(world.history)
     for field in fields(History):
         np.testing.assert_array_equal(getattr(world.history, field.name), getattr(before, field.name))
-
-
-LEARNED = EstimatorSettings(model="learned", azimuth="known")
-
-
-def test_the_papers_own_beds_are_found(yard):
-    """Beds of 8, 17 and 25 degrees by the paper's eq. (7), which has no stored heat: in a wide region."""
-    settled = replace(yard, noise_k=0.05)
-    for found, bed in zip(
-        last_of(settled, settled.samples(30), LEARNED).estimates, yard.beds[1:], strict=True
-    ):
-        towards = normal(found.tilt_deg, found.azimuth_deg) @ normal(bed.tilt_deg, bed.azimuth_deg)
-        assert np.degrees(np.arccos(towards)) < 11.0
