@@ -139,7 +139,7 @@ def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
     back = timedelta(microseconds=(before.time_ns - after.time_ns) // 1000)
     what = f"goes back by {back}" if back else "stands still"
     more = f", and {len(steps) - 1} more times" if len(steps) > 1 else ""
-    fix = Argument("keep") + ", or import both parts alone; if summer time ended: " + Argument("zone")
+    fix = Argument("keep") + " first or last, or import each part; if summer time ended: " + Argument("zone")
     return ConfigError(f"the clock {what} from {before} to {after}{more}", place=path, fix=fix)
 
 

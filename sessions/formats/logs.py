@@ -188,8 +188,8 @@ def _reader(table: Table) -> Callable[[tzinfo | None], Times]:
     fix = Sentence.listing(fixes)
     if table.kind == "count" and not unit_ns:
         fix = fix + ("; " if fixes else "") + Argument("time_format", "s") + " for its unit, ms, min or h"
-    text = "times of day" if table.kind == "clock" else f"a count from {texts[0]}"
-    raise MissingOptionsError(f"has {text}, and no date", place=f"{table.path}, column {head!r}", fix=fix)
+    text = "has times of day" if table.kind == "clock" else f"counts from {texts[0]}"
+    raise MissingOptionsError(f"{text}, without a date", place=f"{table.path}, column {head!r}", fix=fix)
 
 
 def _too_long(table: Table) -> dict[int, ConfigError]:

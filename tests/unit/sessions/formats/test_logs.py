@@ -1,5 +1,6 @@
 """Tables of loggers become streams, alone or beside an old session."""
 
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -203,8 +204,7 @@ def test_cells_that_are_not_numbers_are_counted(tmp_path):
     imported = read(tmp_path, minutes("T1 [C]", "ERR", "", "3"))
     ((severity, text),) = imported.notes[1:]
     assert severity is Severity.WARNING
-    assert text.startswith("1 cell")
-    assert "'ERR'" in text
+    assert re.findall(r"\d+|'.*'", text) == ["1", "'ERR'"]
 
 
 def test_log_that_ran_longer_is_cut_to_the_session(tmp_path):
