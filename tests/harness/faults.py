@@ -51,6 +51,22 @@ def small_session(path: Path, license: str = "") -> Path:
     return path
 
 
+def flip_byte(path: Path, place: int, bits: int = 1) -> None:
+    """Turn these bits of one byte of a file."""
+    with path.open("r+b") as file:
+        file.seek(place)
+        byte = file.read(1)[0]
+        file.seek(place)
+        file.write(bytes([byte ^ bits]))
+
+
+def mark_unfinished(path: Path) -> None:
+    """Let the superblock of a session say that it is being written, as if its writer had been killed."""
+    with path.open("r+b") as file:
+        file.seek(11)
+        file.write(b"\1")
+
+
 def change_header(file: h5py.File, change: Callable[[Any], object]) -> None:
     """Give a session file the header that `change` makes of its own."""
     plain = json.loads(file["config/header"][()])

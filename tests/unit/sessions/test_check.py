@@ -18,6 +18,7 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.check import best_shift_min, check
 from fieldkit.sessions.finished_file import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
+from tests.harness.faults import flip_byte
 from tests.harness.findings import said
 from tests.harness.recording import START_NS, header, interrupted, sample, session_of
 from tests.shared_data import shared
@@ -122,9 +123,7 @@ def test_changed_byte_of_a_picture_is_found(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY)
     with h5py.File(path) as file:
         place = file["camera/counts"].id.get_chunk_info(2).byte_offset
-    data = bytearray(path.read_bytes())
-    data[place + 40] ^= 0x10
-    path.write_bytes(data)
+    flip_byte(path, place + 40, 0x10)
     assert "first number 18" in said(path, "camera", "fail")
     with open_session(path) as session:
         bad = [frame.seq for frame in session.samples("camera") if frame.quality & Quality.BAD_CRC]
@@ -135,9 +134,7 @@ def test_changed_byte_of_a_table_is_found(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY, entries=[Event(EventKind.MARK, 1, START_NS, "here")])
     with h5py.File(path) as file:
         place = file["events/text"].id.get_chunk_info(0).byte_offset
-    data = bytearray(path.read_bytes())
-    data[place] = ord("H")
-    path.write_bytes(data)
+    flip_byte(path, place, ord("h") ^ ord("H"))
     assert said(path, "events/text", "fail")
 
 

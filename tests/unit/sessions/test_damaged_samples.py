@@ -18,6 +18,7 @@ from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.tables_out import export_csv
 from fieldkit.sessions.reader import SessionReader
+from tests.harness.faults import flip_byte
 from tests.harness.next_steps import steps
 from tests.harness.recording import header, recorded
 
@@ -66,11 +67,7 @@ def spoil(name: str, block: int) -> Callable[[Path], None]:
     def change(path: Path) -> None:
         with h5py.File(path, "r") as file:
             place = file[name].id.get_chunk_info_by_coord((block * DEPTH, 0, 0))
-        with path.open("r+b") as raw:
-            raw.seek(place.byte_offset + place.size // 2)
-            byte = raw.read(1)[0]
-            raw.seek(-1, 1)
-            raw.write(bytes([byte ^ 4]))
+        flip_byte(path, place.byte_offset + place.size // 2, 4)
 
     return change
 
@@ -240,9 +237,7 @@ def spoil_group(name: str) -> Callable[[Path], None]:
     def change(path: Path) -> None:
         with h5py.File(path, "r") as file:
             place = h5py.h5o.get_info(file[name].id).addr
-        data = bytearray(path.read_bytes())
-        data[place + 40] ^= 4
-        path.write_bytes(data)
+        flip_byte(path, place + 40, 4)
 
     return change
 

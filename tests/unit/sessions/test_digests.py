@@ -17,6 +17,7 @@ from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep
+from tests.harness.faults import flip_byte, mark_unfinished
 from tests.harness.recording import header, recorded, sample
 
 
@@ -42,9 +43,7 @@ def flip(path: Path, dataset: str, within: int, bit: int) -> None:
     """Turn one bit of a value that lies at one place of the file."""
     with h5py.File(path) as file:
         place = file[dataset].id.get_offset() + within
-    data = bytearray(path.read_bytes())
-    data[place] ^= 1 << bit
-    path.write_bytes(data)
+    flip_byte(path, place, 1 << bit)
 
 
 def header_place(path: Path, text: bytes) -> int:
@@ -118,16 +117,12 @@ def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path)
     assert failed(path) == []
     with h5py.File(path) as file:
         place = file["time_map/add_ns"].id.get_chunk_info(0).byte_offset + 8 + 5
-    data = bytearray(path.read_bytes())
-    data[place] ^= 1  # eighteen minutes more
-    path.write_bytes(data)
+    flip_byte(path, place)  # eighteen minutes more
     assert any("/time_map" in finding.text for finding in check(path) if finding.level == "fail")
 
 
 def test_recovered_and_merged_sessions_are_sealed_the_same_way(path, tmp_path):
-    data = bytearray(path.read_bytes())
-    data[11] = 1  # as if its writer had been killed
-    path.write_bytes(data)
+    mark_unfinished(path)
     recover(path)
     assert failed(path) == []
     logger = replace(header().streams[1], name="logger")

@@ -25,6 +25,7 @@ from fieldkit.sessions.sample_fields import STAMPS_BYTES
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import disk, recording
+from tests.harness.faults import flip_byte, mark_unfinished
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 from tests.harness.rights import ordinary_rights
 
@@ -146,10 +147,8 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed, tmp_pat
     shutil.copy(sealed, path)
     with h5py.File(path) as file:
         place = file["camera/counts"].id.get_chunk_info_by_coord((360, 0, 0))
-    data = bytearray(path.read_bytes())
-    data[place.byte_offset + 100] ^= 1
-    data[11] = 1  # as if its writer had been killed
-    path.write_bytes(data)
+    flip_byte(path, place.byte_offset + 100)
+    mark_unfinished(path)
     (run,) = recover(path).lost
     assert (run.stream, run.first, run.last) == ("camera", 360, 368)
     camera = HEADER.streams[0]
@@ -159,9 +158,7 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed, tmp_pat
 def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer):
     with h5py.File(longer) as file:
         place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
-    data = bytearray(longer.read_bytes())
-    data[place.byte_offset + 50] ^= 1
-    longer.write_bytes(data)
+    flip_byte(longer, place.byte_offset + 50)
     assert recover(longer).lost_samples == 0
 
 
@@ -272,9 +269,7 @@ def test_time_map_outlives_recovery(tmp_path):
         in_force = session.time_map()
         versions = {name: column[:].tolist() for name, column in file["time_map"].items()}
     assert versions["version"] == [1, 1, 2, 2]
-    data = bytearray(path.read_bytes())
-    data[11] = 1  # as if its writer had been killed
-    path.write_bytes(data)
+    mark_unfinished(path)
     assert not recover(path).was_complete
     with open_session(path) as session, h5py.File(path) as file:
         assert session.time_map() == in_force == [
