@@ -94,15 +94,16 @@ def _clock(folder: Path) -> Iterator[Finding]:
         yield Finding(
             "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
         )
-    synchronised = _is_clock_synchronised()
-    if synchronised is None:
-        yield Finding("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
-    elif synchronised:
-        yield Finding("ok", "clock", "synchronised")
-    else:
-        yield Finding(
-            "warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver"
-        )
+    level, text, fix = SYNCHRONISATION[_is_clock_synchronised()]
+    yield Finding(level, "clock", text, fix)
+
+
+SYNCHRONISATION = {
+    None: ("warn", "synchronisation is unknown", "sudo apt install chrony"),
+    True: ("ok", "synchronised", ""),
+    False: ("warn", "not synchronised", "go online once, or give the computer a GPS receiver"),
+}
+"""Level, text and next step by whether the clock is synchronised."""
 
 
 def _is_clock_synchronised() -> bool | None:
