@@ -168,7 +168,7 @@ def _notes(path: Path, items: Sequence[_Item], body: Body, step: timedelta) -> I
         filled = [row for _, row in body if _cell(row, item.value)]
         normal = [row for row in filled if _is_normal(item, row)]
         if doubtful := len(filled) - len(normal):
-            yield Severity.WARNING, f"{item.label}: excluded values whose quality is not 8: {doubtful}"
+            yield Severity.WARNING, f"{item.label}: {doubtful} values whose quality is not 8 were excluded"
         marked = [_cell(row, item.value) for row in normal if math.isnan(_value(item, row, step))]
         if marked:
             words = f"{len(marked)} cells that are not plain numbers were excluded, the first {marked[0]!r}"
