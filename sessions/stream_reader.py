@@ -160,6 +160,9 @@ class StreamReader:
 
         What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
         """
+        if name not in self._declared:
+            fix = f"name one of its columns: {', '.join(self._declared)}"
+            raise SessionError(f"no column {name!r}", place=self.info.name, fix=fix)
         end = len(self) if stop is None else min(stop, len(self))
         if name not in self._columns:
             return stored.unknown_rows(self._group, self._declared[name], max(0, end - start))

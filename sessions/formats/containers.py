@@ -9,7 +9,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import date, datetime, time, timedelta
+from datetime import date, datetime, time
 from itertools import zip_longest
 from pathlib import Path
 from types import MappingProxyType
@@ -22,6 +22,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.native_code import quiet
 from fieldkit.sessions.formats.imported import explained, refuse_large
+from fieldkit.sessions.formats.times import spreadsheet_moment
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -30,8 +31,6 @@ Cells = Sequence[Any]
 _Read = tuple[Iterable[Cells], tuple[str, ...]]
 
 _MOST_BYTES = 200_000_000
-_EPOCH = datetime(1899, 12, 30)
-"""Day 0 of spreadsheets, so that day 61 is 1900-03-01."""
 _OF_THIS_TIME = (30_000.0, 80_000.0)
 """Days since then from 1982 to 2119: other numbers are no dates."""
 _MIDC = re.compile(rb"DATE \(MM/DD/YYYY\),[A-Z]{3}\b")
@@ -136,7 +135,7 @@ def _is_serial(column: Cells) -> bool:
 
 
 def _moment(days: float) -> datetime | time:
-    moment = _EPOCH + timedelta(milliseconds=round(days * 86_400_000.0))
+    moment = spreadsheet_moment(days)
     return moment.time() if days < 1.0 else moment
 
 

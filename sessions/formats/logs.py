@@ -182,12 +182,17 @@ def _reader(table: Table) -> Callable[[tzinfo | None], Times]:
         time_format = options.time_format and f"%Y-%m-%d {options.time_format}"
         days = times.times_on_days(texts, f"{options.date}")
         return lambda zone: read_times(days, zone, time_format)
+    if table.kind == "count" and options.time_format == "d" and not is_start:
+        dated = [times.spreadsheet_time(text) for text in texts]
+        return lambda zone: read_times(dated, zone)
     if table.kind == "moment":
         return lambda zone: read_times(texts, zone, options.time_format)
     fixes = [Argument(name, table.dates.get(name)) for name in uses if not (is_start and name == "start")]
     fix = Sentence.listing(fixes)
     if table.kind == "count" and not unit_ns:
         fix = fix + ("; " if fixes else "") + Argument("time_format", "s") + " for its unit, ms, min or h"
+        if not is_start:
+            fix = fix + "; or " + Argument("time_format", "d") + " alone for a spreadsheet's days"
     text = "has times of day" if table.kind == "clock" else f"counts from {texts[0]}"
     raise MissingOptionsError(f"{text}, without a date", place=f"{table.path}, column {head!r}", fix=fix)
 

@@ -281,9 +281,15 @@ def _rows(text: str, delimiter: str) -> Iterator[Row]:
 
 
 def _delimiter(text: str) -> str:
-    """Separator of the columns: a first line ``sep=;`` states it, else it makes most rows equally long."""
+    """Separator of the columns: a first line ``sep=;`` states it, else it makes most rows equally long.
+
+    Blanks part columns only where no other mark does.
+    """
     stated = re.match(f"sep=([{_DELIMITERS}])\\s", text, re.IGNORECASE)
-    return stated[1] if stated else max(_DELIMITERS, key=lambda mark: _alike(_rows(text, mark)))
+    if stated:
+        return stated[1]
+    alike = {mark: _alike(_rows(text, mark)) for mark in _DELIMITERS}
+    return max(alike, key=alike.__getitem__) if any(alike.values()) else " "
 
 
 def _alike(rows: Iterator[Row]) -> int:

@@ -38,9 +38,9 @@ _DIGITS = re.compile(r"\d{1,4}(\.0)?")
 _TIME_OF_DAY = re.compile(r"time|hh|zeit|hora|heure|ora|tijd|時|时", re.IGNORECASE)
 _COUNTED = re.compile(
     r"(?i)(?<![^\W_])(ms|msec|mill?i\w*|us|[µμ]s|micro\w*|min|minut\w*|s|se[ck]\w*|segundos|h|hrs?|hours?|stunden|horas"
-    r"|heures|秒|分)(?![^\W_])"
+    r"|heures|秒|分|d|days?)(?![^\W_])"
 )
-_SECONDS = {"ms": 1e-3, "mi": 60.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "h": 3600.0, "分": 60.0}
+_SECONDS = {"ms": 1e-3, "mi": 60.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "h": 3600.0, "分": 60.0, "d": 86400.0}
 
 
 def first_time(rows: Cells, named: int | None, time_format: str | None) -> tuple[int, int, Kind]:

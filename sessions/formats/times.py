@@ -200,7 +200,11 @@ _DATES = re.split(
     "%d.%m.%Y|%d.%m.%y|%m/%d/%Y|%d/%m/%Y|%m/%d/%y|%d/%m/%y|%m-%d-%Y|%d-%m-%Y|%d.%m.%Y,|%m/%d/%Y,|%d/%m/%Y,|%d-%b-%Y"
     "|%d-%b-%y|%d %b %Y|%d/%b/%Y|%b %d %Y|%b %d, %Y|%Y-%m-%d|%Y/%m/%d|%Y.%m.%d|%Y%m%d|%Y-%j|%Y年%m月%d日",
 )
-_CLOCKS = re.split("[|]", "%H:%M|%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M %p|%H%M|%H.%M|%H.%M.%S")
+_CLOCKS = re.split(
+    "[|]",
+    "%H:%M|%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M %p|%H%M|%H.%M|%H.%M.%S"
+    "|%H時%M分|%H時%M分%S秒|%Hh%M",
+)
 _DIGITS = ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"]
 
 
@@ -211,8 +215,10 @@ def _give_format(text: str, others: Sequence[str]) -> MissingOptionsError:
     sample = others[:: 1 + len(others) // 50]
     counts = [sum(is_time(other, time_format) for other in sample) for time_format in fitting]
     best = [time_format for time_format, count in zip(fitting, counts, strict=True) if count == max(counts)]
-    formats = [Argument("time_format", one) for one in best[:2] or ["%d.%m.%Y %H:%M:%S"]]
-    fix = "give the format of the times, such as " + Sentence.listing(formats)
+    formats = [Argument("time_format", time_format) for time_format in best[:2]]
+    # none is of months in other languages, or of eras
+    digits = "write dates in digits, such as 2026-12-11 12:00:00"
+    fix = "give the format of the times, such as " + Sentence.listing(formats) if formats else digits
     return MissingOptionsError("not a time in ISO 8601", place=repr(text), fix=fix)
 
 
@@ -336,6 +342,19 @@ def times_on_days(texts: Sequence[str], first: str) -> list[str]:
             before_h = hour_h
         days.append(f"{day:%Y-%m-%d} {text}")
     return days
+
+
+_DAY_0 = datetime(1899, 12, 30)  # so that day 61 is 1900-03-01
+
+
+def spreadsheet_moment(days: float) -> datetime:
+    """The time on some clock that a spreadsheet counts in days, to the millisecond."""
+    return _DAY_0 + timedelta(milliseconds=round(days * 86_400_000.0))
+
+
+def spreadsheet_time(text: str) -> str:
+    """A count of a spreadsheet's days as date and time; any other text as it is."""
+    return f"{spreadsheet_moment(float(text.replace(',', '.')))}" if is_number(text) else text
 
 
 def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:

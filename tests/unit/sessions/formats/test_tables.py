@@ -40,6 +40,7 @@ ROWS = "2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5\n"
         f"time,T [C]\n{ROWS}End of data\n",
         f",T [C]\n{ROWS}",
         "sep=;\ntime;T [C]\n2026-06-11 12:00:00;20,5\n2026-06-11 12:01:00;21,5\n",
+        "DATE       TIME      T_C   note\n2026-06-11 12:00:00  20.5   a\n2026-06-11 12:01:00  21.5   b\n",
         "time\tT [C]\tnote\n2026-06-11 12:00:00\t20,5\ta, b\n2026-06-11 12:01:00\t21,5\tc, d, e\n",
         "time, T [C]\r2026/6/11 12:00, 20.5\r2026/6/11 12:01, 21.5\r",
         'time,T [C],note\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5,"a, b",,\n',
@@ -47,7 +48,7 @@ ROWS = "2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5\n"
     ],
     ids=[
         "comments", "preamble", "units below", "units below a preamble", "brackets below", "footer",
-        "no name of the time", "sep", "tabs", "spaces", "ragged", "unit in one sign",
+        "no name of the time", "sep", "blanks", "tabs", "spaces", "ragged", "unit in one sign",
     ],
 )  # fmt: skip
 def test_lines_around_a_table_do_not_hide_it(tmp_path, text):

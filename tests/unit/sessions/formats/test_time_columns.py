@@ -104,7 +104,11 @@ def test_times_of_tables_are_read_as_they_were_meant(tmp_path, text, options, ex
             {},
             [Argument("date", "2026-12-11"), Argument("start", "2026-12-11T12:00:00")],
         ),
-        (table("t", "0", "1"), {}, [Argument("start", "2026-12-11T12:00:00"), Argument("time_format", "s")]),
+        (
+            table("t", "0", "1"),
+            {},
+            [Argument("start", "2026-12-11T12:00:00"), *(Argument("time_format", unit) for unit in "sd")],
+        ),
         (table("t", "0", "1"), START, [Argument("time_format", "s")]),
         (
             table("when", "11/6/2026 130"),
@@ -135,6 +139,12 @@ def test_what_is_missing_is_named_at_once_in_forms_that_fit(tmp_path, text, opti
         [step.name for step in steps(caught.value)] if isinstance(missing[0], str) else steps(caught.value)
     )
     assert [step for step in named if step != "columns"] == missing
+
+
+def test_days_of_a_spreadsheet_are_dates_where_they_are_said_to_be(tmp_path):
+    """Day 44927 is 2023-01-01: Microsoft, "Date systems in Excel", the 1900 date system."""
+    imported = read(tmp_path, table("when", "44927", "44927.25"), time_format="d")
+    assert [sample.time_ns // 10**9 for sample in imported.samples] == [1672531200, 1672531200 + 6 * 3600]
 
 
 @pytest.mark.parametrize(
