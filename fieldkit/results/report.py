@@ -263,7 +263,7 @@ def by_other_models(
         return {}
     history = known.measured.history.until(solved[-1] + 1)
     return {
-        model: SlopeChain(known.schedule, replace(known.settings, model=model)).at_once(history).slopes
+        model: SlopeChain(known.schedule, replace(known.settings, model=model)).at(history).slopes
         for model in get_args(Model)
         if model != known.settings.model
     }
