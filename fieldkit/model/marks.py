@@ -109,7 +109,7 @@ def numbers_named(name: int | str, marks: Mapping[int, Event]) -> list[int]:
     numbers = [number for number, mark in marks.items() if str(name) in (str(number), mark.text)]
     if not numbers:
         choices = "; ".join(f"{number} {mark.text[:40]}" for number, mark in marks.items())
-        fix = Words("fix.marks", marks=choices or "-")
+        fix = Words("fix.marks", marks=choices) if choices else None
         raise ConfigError(Words("error.no_mark"), place=repr(name), fix=fix)
     return numbers
 

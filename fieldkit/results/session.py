@@ -174,7 +174,7 @@ class Session(SessionReader):
     Slopes of every region, of every pixel, and those of the recording itself:
 
     >>> session.estimate()["b15"]
-    <b15: tilt 15.1° (12.0 to 24.2), azimuth 181°, wide>
+    <b15: tilt 15.1° (12.0 to 24.0), azimuth 181°, wide>
     >>> session.slope_map("all")
     <MappedSession 20160101T190001Z-noon: 20 min, 100% wide>
     >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())
@@ -308,7 +308,6 @@ class Session(SessionReader):
         Traceback (most recent call last):
         ...
         fieldkit.model.errors.ConfigError: 'a gust': the session has no such mark
-          fix: name one of its marks: none
         """
         from fieldkit.results.marks import correct, withdrawal
 

@@ -364,7 +364,7 @@ def slope_map(  # type: ignore[misc]  # the options above are those below
     >>> slopes
     <MappedSession 20160101T190001Z-noon: 20 min, 100% wide>
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
-    [('flat', 3), ('b05', 6), ('b15', 16), ('b25', 26)]
+    [('flat', 3), ('b05', 6), ('b15', 16), ('b25', 27)]
     """
     if executor is not None or not isinstance(session, ONE):
         chosen: dict[str, Any] = {"settings": settings, "present": present}

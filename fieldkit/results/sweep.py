@@ -44,9 +44,9 @@ class Sweep:
     {'surface.albedo': '0.2'}
     >>> sweep.to_frame()[["surface.albedo", "region", "median_tilt_deg"]].round(1).head(3)
        surface.albedo region  median_tilt_deg
-    0             0.2    b05              4.9
-    1             0.2    b15             15.1
-    2             0.2    b25             25.1
+    0             0.2    b05              4.8
+    1             0.2    b15             14.9
+    2             0.2    b25             24.7
     >>> [path.name for path in sweep.write(campaign.directory / "results" / "albedo")]
     ['albedo.csv', 'albedo.parquet', 'albedo.json']
     >>> sweep.ranking_document()["best"]
