@@ -31,7 +31,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import share
+from benchmarks.sides import seconds, share
 from fieldkit.model.samples import Frame
 from fieldkit.page.document import document
 from fieldkit.page.keys import Keys
@@ -84,6 +84,7 @@ DELAY = Row("delay", "camera to the screen's next frame, median", "<= 80", "ms",
 DELAY_SLOWEST = Row(
     "delay-slowest", "camera to the screen's next frame, 99 %", "<= 250", "ms", "three browsers"
 )
+METRICS = Row("metrics", "`GET /metrics`, median", "<= 5", "ms", "beside a recording; on the clock")
 SIZE = Row("size", "the page, gzip", "<= 40", "kB")
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
@@ -113,6 +114,7 @@ def run() -> list[Result]:
 
         three, eight = ([(view(n), view_flask(n)) for _ in range(ROUNDS)] for n in (3, 8))
         hidden = view(1, "off")
+        metrics_s = _median(seconds(partial(_metrics, ours, cookies[0])) for _ in range(50))
         pictures = _in_chromium(campaign, ours)
     size = len(gzip.compress(document("0" * 32).encode(), 9)) / 1000.0
     return [
@@ -125,6 +127,7 @@ def run() -> list[Result]:
         ),
         HIDDEN.result(hidden[1] / 1000),
         *pictures,
+        METRICS.result(1000 * metrics_s),
         SIZE.result(size),
     ]
 
@@ -273,6 +276,14 @@ def _cookie(campaign: Path, port: int) -> str:
     headers = {"Origin": f"http://{HOST}:{port}", "Content-Type": "application/json"}
     connection.request("POST", "/key", json.dumps({"key": key}), headers)
     return (connection.getresponse().headers["set-cookie"] or "").partition(";")[0]
+
+
+def _metrics(port: int, cookie: str) -> None:
+    """All that a station's monitor asks for."""
+    connection = http.client.HTTPConnection(HOST, port)
+    connection.request("GET", "/metrics", headers={"Cookie": cookie})
+    assert connection.getresponse().read().endswith(b"# EOF\n")
+    connection.close()
 
 
 def _free_port() -> int:

@@ -1,4 +1,4 @@
-"""Whole commands: the demo, and ``fieldkit check`` and ``report`` of three hours, first and again."""
+"""Whole commands: the demo; ``check`` and ``report`` of three hours and ``plan``, first and again."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ REPORT = Row("report", "`fieldkit report` of 3 h, nothing cached", "<= 6", "s", 
 REPORT_AGAIN = Row(
     "report-again", "the same of a session that was estimated before", "<= 4", "s", f"{WHOLE}; figures"
 )
+PLAN = Row("plan", "`fieldkit plan` of today, nothing cached", "<= 6", "s", "whole command; processor time")
+PLAN_AGAIN = Row("plan-again", "the same again", "<= 1", "s", "whole command; processor time")
 DEMO = Row(
     "demo", "`fieldkit demo`, 3 h of field", "<= 20", "s",
     "whole command: recording, live slopes, report; on the clock",
@@ -62,5 +64,6 @@ def run() -> list[Result]:
     with tempfile.TemporaryDirectory() as folder:
         path = str(_record(Path(folder) / "campaign"))
         report = ("report", path, "-o", str(Path(folder) / "report.html"))
+        plan = ("plan", "-C", str(Path(folder) / "campaign"))
         commands = _rows(CHECK, CHECK_AGAIN, "check", path) + _rows(REPORT, REPORT_AGAIN, *report)
-        return [_demo(Path(folder)), *commands]
+        return [_demo(Path(folder)), *commands, *_rows(PLAN, PLAN_AGAIN, *plan)]
