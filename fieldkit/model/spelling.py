@@ -19,4 +19,6 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """``did you mean camera?``, or else the names there are."""
     listed = list(names)
     near = nearest(name, listed)
-    return Words("fix.near", name=near) if near else Words("fix.names", names=", ".join(listed[:50]) or "-")
+    if near:
+        return Words("fix.near", name=near)
+    return Words("fix.names", names=", ".join(listed[:50])) if listed else Words("fix.none")

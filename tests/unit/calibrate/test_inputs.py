@@ -8,6 +8,7 @@ import pytest
 from fieldkit.calibrate.inputs import light_meter
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.phrases import Words
 from tests.harness.next_steps import at
 
 
@@ -37,4 +38,5 @@ def test_of_several_that_none_names_the_refusal_says_how_to_name_one():
 def test_without_a_light_meter_the_refusal_says_that_there_is_none():
     with pytest.raises(ConfigError) as refused:
         light_meter(session(), config(""))
-    assert "none" in str(refused.value.fix)
+    assert isinstance(refused.value.fix, Words)
+    assert refused.value.fix.key == "fix.none"

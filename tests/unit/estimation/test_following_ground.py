@@ -206,8 +206,7 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     flagged = [[bool(flag & Quality.MOVED) for flag in entry.region_flags] for entry, _ in closed]
     assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[True, True]] * 2
     assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
-    texts = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
-    assert "2.5 px" in texts[0]  # half a minute after the first frame
-    lost, ends = (text for text in texts if "corrected" not in text)
-    assert lost.startswith("right ")
-    assert "trajectory" in ends
+    moved = [event.data for _, events in closed for event in events if event.kind is EventKind.MOVED]
+    shifts = [data["shift_px"] for data in moved if data["phase"] == "corrected"]
+    assert shifts == pytest.approx([2.5 + 5.0 * minute for minute in range(8)])  # each in mid-minute
+    assert [data.get("region") for data in moved if data["phase"] == "lost"] == ["right", None]
