@@ -168,6 +168,11 @@ class Port(ABC):
     `byte_ns` the wire time of one byte.
     """
 
+    path: str
+    facts: dict[str, Any]
+    byte_ns: int
+    identity: str
+
     def __init__(
         self, path: str, facts: dict[str, Any], clock: Clock, byte_ns: int, identity: str = ""
     ) -> None:

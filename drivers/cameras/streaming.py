@@ -61,7 +61,7 @@ class PortSource(StreamSource):
 
     def __init__(self, port: Port, layout: Layout, clock: Clock, goodbye: bytes = b"") -> None:
         super().__init__(port.path, clock)
-        self.backend = str(port.facts["line"])
+        self.backend: str = str(port.facts["line"])
         self._port, self._layout, self._goodbye = port, layout, goodbye
         self._held: Stamped | None = None
         self._rejected = 0

@@ -307,8 +307,8 @@ class CameraBin:
         self.sums: RegionSums = RegionSums(camera.columns.size)
         self.flags: Quality = Quality.GOOD
         self.last_frame: Frame | None = None
-        self.loss = ""
-        self.shift_px = 0.0
+        self.loss: str = ""
+        self.shift_px: float = 0.0
         self._start_ns = minute * MINUTE_NS
 
     def add_frame(self, frame: Frame, follower: Follower | None = None) -> None:

@@ -81,7 +81,7 @@ class BackgroundRecording:
             stderr=self._errors,
             start_new_session=True,
         )
-        self.pid = self._process.pid
+        self.pid: int = self._process.pid
 
     @property
     def has_ended(self) -> bool:

@@ -155,7 +155,7 @@ class StampedClock(HostClock):
 
     def __init__(self, start_ns: int, anchor_ns: int = 0) -> None:
         self.now_ns = start_ns
-        self.anchor = ClockCheck(start_ns, anchor_ns, 0, "imported")
+        self.anchor: ClockCheck = ClockCheck(start_ns, anchor_ns, 0, "imported")
 
     def mono_ns(self) -> int:
         """The last stamp."""
