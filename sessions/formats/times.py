@@ -344,7 +344,7 @@ def times_on_days(texts: Sequence[str], first: str) -> list[str]:
     return days
 
 
-_DAY_0 = datetime(1899, 12, 30)  # so that day 61 is 1900-03-01
+_DAY_0, _MOST_DAYS = datetime(1899, 12, 30), 100_000.0  # day 61 is 1900-03-01; to the year 2173
 
 
 def spreadsheet_moment(days: float) -> datetime:
@@ -354,7 +354,8 @@ def spreadsheet_moment(days: float) -> datetime:
 
 def spreadsheet_time(text: str) -> str:
     """A count of a spreadsheet's days as date and time; any other text as it is."""
-    return f"{spreadsheet_moment(float(text.replace(',', '.')))}" if is_number(text) else text
+    days = float(text.replace(",", ".")) if is_number(text) else _MOST_DAYS
+    return f"{spreadsheet_moment(days)}" if abs(days) < _MOST_DAYS else text
 
 
 def times_from_start(texts: Sequence[str], start: Times, unit_ns: float) -> Times:

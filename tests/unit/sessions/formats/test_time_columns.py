@@ -143,7 +143,7 @@ def test_what_is_missing_is_named_at_once_in_forms_that_fit(tmp_path, text, opti
 
 def test_days_of_a_spreadsheet_are_dates_where_they_are_said_to_be(tmp_path):
     """Day 44927 is 2023-01-01: Microsoft, "Date systems in Excel", the 1900 date system."""
-    imported = read(tmp_path, table("when", "44927", "44927.25"), time_format="d")
+    imported = read(tmp_path, table("when", "44927", "1e300", "44927.25"), time_format="d")
     assert [sample.time_ns // 10**9 for sample in imported.samples] == [1672531200, 1672531200 + 6 * 3600]
 
 
