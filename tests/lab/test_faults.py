@@ -142,10 +142,12 @@ def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab
                     port.plug()
                     lab.wait_for(CAMERA_BY_ID)
                 nodes.add(lab.nodes()[CAMERA_BY_ID]["to"])
+            recording.flows()  # and not only opened
             session = recording.stop()
     assert len(nodes) > 1
     lost, back = (events(session, kind, "camera") for kind in ("LOST", "BACK"))
-    assert len(lost) == len(back) >= CYCLES  # a slow computer may lose it once more
+    # a slow computer may lose it between, and once more while the recording stops
+    assert CYCLES <= len(back) <= len(lost) <= len(back) + 1
     assert all(re.search(r"back after [\d.]+ s", text) for text in back)
     assert session["streams"]["camera"]["info"]["identity"] == "1e4e:0100:8007000b-5113-3037-3231"
     assert session["state"] == "sealed"
