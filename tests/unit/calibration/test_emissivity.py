@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.calibration.band import CameraBand, before_camera_settings, own_part_k
+from fieldkit.calibration.band import CameraBand, own_part_k
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED_UNCERTAINTIES,
     Pairs,
@@ -18,7 +18,7 @@ from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.calibration.uncertainty import effective_freedom
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
-from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
+from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.recording.simulated_scene import FOIL_ALBEDO
 from fieldkit.simulation import Facet, MeasuredSky, Scene
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
@@ -94,14 +94,6 @@ def test_with_a_tape_the_budget_says_what_working_it_all_out_again_would(emissiv
     again = found(sky_k=5.0) if name == "reflected temperature" else found(camera_k=0.3)
     line = next(one for one in found().budget if one.name == name)
     assert line.effect == pytest.approx(again.value - found().value, abs=2e-5)
-
-
-def test_a_cameras_own_emissivity_is_undone():
-    truth = pairs(emissivity=0.88)
-    own = (band_radiance(truth.apparent_k) - 0.05 * band_radiance(293.15)) / 0.95
-    reported = np.interp(own, band_radiance(np.arange(250, 400, 0.01)), np.arange(250, 400, 0.01))
-    given = replace(truth, apparent_k=before_camera_settings(reported, 0.95, 293.15))
-    assert fit_emissivity(given, NO_ERROR).value == pytest.approx(0.88, abs=1e-4)
 
 
 def test_a_cameras_constants_r_and_o_fall_out_and_its_band_is_used():

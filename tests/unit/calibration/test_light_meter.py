@@ -69,15 +69,6 @@ def test_factor_and_uncertainty_of_a_clear_hour():
     assert found.remarks == ()
 
 
-def test_clouded_minutes_are_left_out():
-    plane = np.full(60, 500.0)
-    reading = plane / 0.0091
-    reading[20:23] *= 0.3
-    found = light_factor(reading, plane)
-    assert found.value == pytest.approx(0.0091)
-    assert found.minutes == 60 - 5
-
-
 def test_a_dark_offset_is_told():
     plane = np.linspace(200.0, 800.0, 200)
     assert "the origin" in light_factor((plane + 60.0) / 0.0091, plane).remarks[0]
@@ -93,12 +84,15 @@ def test_too_little_and_what_does_not_go_together_is_refused():
         light_factor((plane + 120.0) / 0.0091, plane)
 
 
-def test_minutes_around_a_step_of_the_reference_alone_are_left_out():
-    """A thin cloud over the pyranometer only: 7 % less, within what one factor fits."""
-    plane = np.full(60, 500.0)
-    reading = plane / 0.0091
-    plane[20:25] *= 0.93
-    assert light_factor(reading, plane).minutes == 60 - 4
+@pytest.mark.parametrize(("on_meter", "on_reference", "excluded"), [(0.3, 1.0, 5), (1.0, 0.93, 4)])
+def test_minutes_around_a_cloud_are_excluded(on_meter, on_reference, excluded):
+    """A thin cloud over the pyranometer alone takes 7 %, within what one factor fits."""
+    reading, plane = np.full(60, 500.0 / 0.0091), np.full(60, 500.0)
+    reading[20:23] *= on_meter
+    plane[20:25] *= on_reference
+    found = light_factor(reading, plane)
+    assert found.value == pytest.approx(0.0091, rel=0.005)
+    assert found.minutes == 60 - excluded
 
 
 DAY = packaged_day()

@@ -141,36 +141,22 @@ def fail(run, monkeypatch, tmp_path):
         (KeyboardInterrupt(), 130),
         (click.Abort(), 130),
         (RuntimeError("x"), 1),
+        (ConnectionResetError(errno.ECONNRESET, "reset"), 1),
     ],
 )
 def test_each_failure_has_its_exit_code(fail, error, code):
     assert fail(error).exit_code == code
 
 
-def test_an_error_says_what_happened_and_what_to_do(fail):
-    result = fail(errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond"))
-    assert result.stdout == ""
-    assert result.stderr.splitlines() == ["error: /dev/x: refused", "  fix: first", "       second"]
-
-
-def test_with_json_an_error_is_one_line_of_it(fail):
+def test_an_error_says_what_happened_and_what_to_do_on_one_line_with_json(fail):
     error = errors.DeviceAccessError("refused", place="/dev/x", fix="first\nsecond")
-    result = fail(error, "--json")
-    assert result.stdout == ""
-    assert result.stderr.count("\n") == 1
-    assert json.loads(result.stderr) == {
+    printed, as_json = fail(error), fail(error, "--json")
+    assert (printed.stdout, as_json.stdout, as_json.stderr.count("\n")) == ("", "", 1)
+    assert printed.stderr.splitlines() == ["error: /dev/x: refused", "  fix: first", "       second"]
+    assert json.loads(as_json.stderr) == {
         "schema": 1, "error": "/dev/x: refused", "fix": "first\nsecond", "exit_code": 4,
         "words": text_document(error.words),
     }  # fmt: skip
-
-
-def test_with_json_an_unexpected_error_names_its_log(fail, tmp_path):
-    document = json.loads(fail(RuntimeError("unthinkable"), "--json").stderr)
-    (log,) = (tmp_path / "fieldkit" / "log").glob("*-test.log")
-    assert document["error"].startswith("test: ")
-    assert document["error"].endswith("RuntimeError: unthinkable")
-    assert document["fix"].endswith(str(log))
-    assert document["exit_code"] == 1
 
 
 @pytest.mark.parametrize(
@@ -184,14 +170,13 @@ def test_what_a_disk_refuses_is_not_called_a_bug(fail, tmp_path, number):
     assert not (tmp_path / "fieldkit").exists()
 
 
-def test_other_errors_of_the_system_are_unexpected(fail):
-    assert fail(ConnectionResetError(errno.ECONNRESET, "reset")).exit_code == 1
-
-
-def test_an_unexpected_error_leaves_a_log_and_names_it(fail, tmp_path):
-    result = fail(RuntimeError("the unthinkable"))
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_an_unexpected_error_leaves_a_log_and_names_it(fail, tmp_path, words):
+    result = fail(RuntimeError("the unthinkable"), *words)
     (log,) = (tmp_path / "fieldkit" / "log").glob("*-test.log")
-    assert str(log) in result.stderr
+    fix = json.loads(result.stderr)["fix"] if words else result.stderr
+    assert str(log) in fix
+    assert "RuntimeError: the unthinkable" in result.stderr
     assert "RuntimeError: the unthinkable" in log.read_text()
     assert "Traceback" not in result.stderr
 

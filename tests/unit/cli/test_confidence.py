@@ -6,45 +6,29 @@ import h5py
 import pytest
 from scipy.stats import norm
 
+from fieldkit.config.template import SIMULATED
 from tests.harness.command_line import document, succeed
-from tests.harness.seldom import SET_SELDOM
+from tests.harness.simulated import record_simulated
 
-FAST = ("--set", "simulation.speed=max", *SET_SELDOM)
+LEARNED = ('estimator.model="learned"', 'estimator.azimuth="free"')
 NINETY = re.compile(r"\b90 ?%|nine times")
 
 
-def fieldkit(*words: object) -> str:
-    return succeed(*words).output
-
-
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sure")
-    fieldkit("init", "--simulated", folder)
-    settings = folder / "fieldkit.toml"
-    text = re.sub(
-        r"^#?\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
-    )
-    settings.write_text(text, "utf-8")
-    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", *FAST)
-    return folder
+def session(tmp_path_factory):
+    tables = {**SIMULATED, "estimator": {"confidence": 0.95}}
+    return record_simulated(tmp_path_factory.mktemp("sure"), 10, *LEARNED, tables=tables).path
 
 
-@pytest.fixture(scope="module")
-def session(folder):
-    (path,) = (folder / "recordings").glob("*.h5")
-    return path
-
-
-def test_every_text_and_page_names_the_confidence_of_the_session(folder, session, tmp_path):
+def test_every_text_and_page_names_the_confidence_of_the_session(session, tmp_path):
     report, base = tmp_path / "report.html", tmp_path / "map"
     outputs = {
-        "estimate": fieldkit("estimate", session, "-j", 1),
-        "show": fieldkit("show", session),
-        "map": fieldkit("map", session, "-o", base, "--window", "all"),
-        "replay": fieldkit("replay", session),
-        "plan": fieldkit("plan", "-C", folder, "--on", "2026-01-01", "--for", "20m"),
-        "report": fieldkit("report", session, "-o", report) + report.read_text("utf-8"),
+        "estimate": succeed("estimate", session, "-j", 1).output,
+        "show": succeed("show", session).output,
+        "map": succeed("map", session, "-o", base, "--window", "all").output,
+        "replay": succeed("replay", session).output,
+        "plan": succeed("plan", "-C", session.parents[1], "--on", "2026-01-01", "--for", "20m").output,
+        "report": succeed("report", session, "-o", report).output + report.read_text("utf-8"),
     }
     assert [name for name, text in outputs.items() if NINETY.search(text)] == []
     silent = {name for name, text in outputs.items() if "95 %" not in text}
@@ -52,12 +36,12 @@ def test_every_text_and_page_names_the_confidence_of_the_session(folder, session
 
 
 def test_files_state_the_confidence_of_each_slope(session, tmp_path):
-    fieldkit("export", session, "--to", "csv", "-o", tmp_path)
+    succeed("export", session, "--to", "csv", "-o", tmp_path)
     (slopes,) = tmp_path.glob("*-slopes.csv")
     header, *rows = slopes.read_text("utf-8").splitlines()
     place = header.split(",").index("confidence")
     assert {row.split(",")[place] for row in rows} == {"0.95"}
-    fieldkit("map", session, "-o", tmp_path / "map", "--window", "all")
+    succeed("map", session, "-o", tmp_path / "map", "--window", "all")
     with h5py.File(tmp_path / "map.nc") as file:
         assert file.attrs["confidence"] == 0.95
         texts = [str(value) for item in (file, *file.values()) for value in item.attrs.values()]

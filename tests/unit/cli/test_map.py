@@ -23,20 +23,12 @@ from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
 from tests.harness.command_line import document, fieldkit, invoke, succeed
-from tests.harness.seldom import SET_SELDOM
+from tests.harness.simulated import record_simulated
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("campaign")
-    succeed("init", "--simulated", folder)
-    succeed(
-        "record", "-C", folder, "--for", "25m", "-q",
-        "--set", "simulation.speed=max", "--set", "estimator.model=paper",
-        *SET_SELDOM,
-    )  # fmt: skip
-    (path,) = (folder / "recordings").glob("*.h5")
-    return path
+    return record_simulated(tmp_path_factory.mktemp("campaign"), 25, 'estimator.azimuth="free"').path
 
 
 @pytest.fixture(scope="module")
@@ -100,19 +92,15 @@ def test_map_of_a_damaged_session_is_made_without_the_damaged_frames(session, ma
     path = tmp_path / "a.h5"
     shutil.copy(session, path)
     with h5py.File(path, "r+") as file:
-        stamps = file["camera/fpa_temperature"]
-        stamps[10] += 1.0
-        counts = file["camera/counts"]
-        whole = counts[10]
-        counts[10] = whole + 500  # five kelvin in one frame of its minute
+        file["camera/fpa_temperature"][10] += 1.0
+        file["camera/counts"][10] += 500  # five kelvin in one frame of its minute
     done = fieldkit("map", path, "-o", tmp_path / "x", "--json")
     assert done.exit_code == 7
     assert "1 frames" in done.stderr
     found = json.loads(done.stdout)
     for name in ("b05", "b15", "b25"):
-        assert of_region(found, name)["tilt_deg"] == pytest.approx(
-            of_region(mapped, name)["tilt_deg"], abs=0.1
-        )
+        tilt_deg = of_region(mapped, name)["tilt_deg"]
+        assert of_region(found, name)["tilt_deg"] == pytest.approx(tilt_deg, abs=0.1)
 
 
 def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped, arrays):
@@ -200,13 +188,17 @@ def test_folder_that_cannot_be_made_is_named(session, tmp_path):
         invoke("map", session, "-o", tmp_path / "file" / "map")
 
 
+def copied_twice(session, folder):
+    for name in ("a", "b"):
+        (folder / "recordings").mkdir(exist_ok=True)
+        shutil.copy(session, folder / f"recordings/{name}.h5")
+    return folder / "recordings"
+
+
 def test_many_sessions_are_mapped_by_several_processes_and_a_torn_one_does_not_stop_the_others(
     session, mapped, arrays, tmp_path
 ):
-    folder = tmp_path / "recordings"
-    folder.mkdir()
-    for name in ("a", "b"):
-        shutil.copy(session, folder / f"{name}.h5")
+    folder = copied_twice(session, tmp_path)
     (folder / "torn.h5").write_bytes(session.read_bytes()[:5000])
     done = fieldkit("map", folder, "-j", 2, "-o", tmp_path / "maps", "--json")
     assert done.exit_code == 3
@@ -305,10 +297,9 @@ def test_the_learned_model_agrees_with_its_region_and_has_an_inertia_with_its_un
         assert 0.0 < sd < value
 
 
-POSE = (
-    'crs = "EPSG:32613"\neast_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\n'
-    "pitch_deg = -30.0\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n"
-)
+MOVING = 'crs = "EPSG:32613"\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n'
+PLACE = "east_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\npitch_deg = -30.0\n"
+POSE = MOVING + PLACE
 
 
 def test_map_on_the_ground_before_the_camera(session, tmp_path):
@@ -335,12 +326,7 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     (campaign / "run.tum").write_text(
         "1.0 412000 4172000 2305 -0.5 0.5 -0.5 0.5\n2.0 412000 4172000 2305 -0.5 0.5 -0.5 0.5\n"
     )
-    moving = [
-        line
-        for line in POSE.splitlines()
-        if line.split("_")[0] not in ("east", "north", "height", "yaw", "pitch")
-    ]
-    (campaign / "moving.toml").write_text("\n".join([*moving, 'trajectory = "run.tum"']))
+    (campaign / "moving.toml").write_text(f'{MOVING}trajectory = "run.tum"')
     done = succeed("map", session, "-o", tmp_path / "y", "--set", "camera.pose=moving.toml")
     assert "1970-01-01T00:00:01Z" in done.stderr
     assert (tmp_path / "y.png").exists()
@@ -354,11 +340,8 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
 
 
 def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_path):
-    folder, maps = tmp_path / "recordings", tmp_path / "maps"
-    for place in (folder, maps):
-        place.mkdir()
-    for name in ("a", "b"):
-        shutil.copy(session, folder / f"{name}.h5")
+    folder, maps = copied_twice(session, tmp_path), tmp_path / "maps"
+    maps.mkdir()
     (folder / "pose.toml").write_text(POSE)
     (maps / "b-slope-map-pose-pose.toml-rdir.png").write_bytes(b"older")
     words = ("map", folder, "-j", 1, "-o", maps, "--cell-m", 0.5, "--set", "camera.pose=pose.toml")

@@ -118,10 +118,6 @@ def test_a_mark_right_after_the_start_waits_until_the_recording_accepts_it(campa
     assert [event.text for event in events_in(recording)] == ["sun"]
 
 
-def test_only_the_session_that_is_being_written_is_in_progress(recording):
-    assert session_in_progress(recording) == recording / "running.h5"
-
-
 def test_interrupted_sessions_are_not_in_progress(campaign):
     (campaign / "recordings" / "old.h5.journal").mkdir()
     assert session_in_progress(campaign / "recordings") is None

@@ -23,13 +23,7 @@ from fieldkit.results.sources import config_for, source_of
 from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.foreign_files import surfrad
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import (
-    header,
-    interrupted,
-    recorded,
-    sample,
-    session_of,
-)
+from tests.harness.recording import header, interrupted, recorded, sample, session_of
 from tests.harness.replayed_minutes import replayed_minutes
 
 

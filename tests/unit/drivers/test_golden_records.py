@@ -19,18 +19,17 @@ def test_bytes_mean_what_the_maker_says(golden):
     assert list(decoded.notes) == golden.get("notes", list(decoded.notes))
     assert decoded.rest == 0
     for value, expected in zip(decoded.values, golden["values"], strict=True):
-        assert (value.unit, value.channel, value.flags) == tuple(
+        assert [value.unit, value.channel, value.flags] == [
             expected[key] for key in ("unit", "channel", "flags")
-        )
+        ]
         assert value.value == pytest.approx(expected["value"], rel=1e-9, nan_ok=True)
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["id"])
 def test_a_record_is_found_again_after_noise_and_its_beginning_is_waited_for(golden):
     data = bytes_of(golden)
-    noise = b"\xfe\xfd\xfc" + b"\n" * (
-        golden["driver"] in ("text", "gpsd")
-    )  # parted by the end of a line alone
+    # lines are parted by their end alone
+    noise = b"\xfe\xfd\xfc" + b"\n" * (golden["driver"] in ("text", "gpsd"))
     decoded = registry.get(golden["driver"]).decode(noise + data + data[:5], golden.get("options", {}))
     assert len(decoded.values) == len(golden["values"])
     assert [(part.offset, part.length) for part in decoded.rejected] == [(0, len(noise))]

@@ -78,10 +78,6 @@ def test_a_silent_instrument_is_a_timeout():
         opened.read(0.1)
 
 
-def test_an_instrument_describes_itself():
-    assert repr(Instrument(camera())) == "<purethermal at usb:1-1: brightness_temperature [K], 2x2>"
-
-
 def test_a_found_device_is_opened_by_identity_whatever_its_number(monkeypatch, tmp_path):
     usb = UsbIdentity(0x1E4E, 0x0100, title="PureThermal")
     plugged_in(monkeypatch, cameras=[("/dev/video0", usb)])

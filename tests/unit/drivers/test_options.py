@@ -31,10 +31,9 @@ def test_an_option_that_is_not_given_keeps_its_default():
     assert options.whole(settings(), "head", 0, (1, 29)) == 0
 
 
-@pytest.mark.parametrize(("value", "said"), [(-1.0, "of at least 0"), (-(10**30), "of at least 0")])
-def test_a_time_or_an_uncertainty_is_not_negative(value, said):
-    with pytest.raises(ConfigError, match=said):
-        options.number(settings(latency_s=value), "latency_s", 0.0, options.POSITIVE)
+def test_a_time_or_an_uncertainty_is_not_negative():
+    with pytest.raises(ConfigError, match="of at least 0"):
+        options.number(settings(latency_s=-1.0), "latency_s", 0.0, options.POSITIVE)
 
 
 @pytest.mark.parametrize("value", [0, -9600, 49, 4_000_001, 9600.5, *NO_NUMBERS])

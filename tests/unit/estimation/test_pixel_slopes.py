@@ -9,10 +9,7 @@ from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.slope import SlopeState
-from fieldkit.physics.energy_balance import (
-    irradiance_difference,
-    irradiance_per_kelvin,
-)
+from fieldkit.physics.energy_balance import irradiance_difference, irradiance_per_kelvin
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from tests.harness.papers_field import SURFACE as PAPER
 from tests.harness.papers_field import suns

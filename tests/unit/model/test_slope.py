@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import (
-    SlopeEstimate,
-    SlopeState,
-    final_estimates,
-    half_width_deg,
-    is_too_wide,
-)
+from fieldkit.model.slope import SlopeEstimate, SlopeState, final_estimates, half_width_deg, is_too_wide
 
 BED = Region("b", RegionKind.TARGET, ())
 OTHER = Region("c", RegionKind.TARGET, ())

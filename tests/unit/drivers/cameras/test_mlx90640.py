@@ -25,20 +25,15 @@ def frame(celsius=36.94, own=37.25):
     return words.tobytes()
 
 
-def test_points_and_own_temperature_are_hundredths_of_a_degree():
+@pytest.mark.parametrize(("celsius", "own"), [(36.94, 37.25), (-12.34, -5.0)])
+def test_points_and_own_temperature_are_hundredths_of_a_degree(celsius, own):
     assert frame()[:6] == bytes.fromhex("5A5A 0206 6E0E")
     assert frame()[-4:-2] == bytes.fromhex("8D0E")
-    decoded = decode(frame())
+    decoded = decode(frame(celsius, own))
     assert decoded.counts.shape == (24, 32)
-    assert decoded.counts[23, 31] * decoded.scale == pytest.approx(36.94 + 273.15)
-    assert decoded.fpa_temperature_k == pytest.approx(37.25 + 273.15)
+    assert decoded.counts[23, 31] * decoded.scale == pytest.approx(celsius + 273.15)
+    assert decoded.fpa_temperature_k == pytest.approx(own + 273.15)
     assert decoded.quality == Quality.GOOD
-
-
-def test_below_zero_keeps_its_sign():
-    decoded = decode(frame(celsius=-12.34, own=-5.0))
-    assert decoded.counts[0, 0] * decoded.scale == pytest.approx(260.81)
-    assert decoded.fpa_temperature_k == pytest.approx(268.15)
 
 
 def test_a_wrong_sum_is_rejected_and_the_next_frame_found():

@@ -37,14 +37,16 @@ def test_lower_half_is_kelvin_times_64():
     assert decoded.quality == Quality.GOOD
 
 
-def test_start_up_has_no_value():
-    assert decode(frame(np.full((192, 256), 0x8000))).quality & Quality.NO_VALUE
-    stripes = 18890 + 160 * (-1) ** np.arange(256)  # neighbours differ by 320 before the first correction
-    assert decode(frame(np.tile(stripes, (192, 1)))).quality == Quality.NO_VALUE
-
-
-def test_exchanged_halves_have_no_value():
-    assert decode(frame(GREY)).quality == Quality.NO_VALUE  # chroma 0x80 would read as 512 K
+@pytest.mark.parametrize(
+    "row",
+    [
+        0x8000,  # at start-up
+        18890 + 160 * (-1) ** np.arange(256),  # neighbours differ by 320 before the first correction
+        0x8020,  # exchanged halves: chroma 0x80 would read as 512 K
+    ],
+)
+def test_what_is_no_temperature_has_no_value(row):
+    assert decode(frame(np.tile(row, (192, 256 // np.size(row))))).quality & Quality.NO_VALUE
 
 
 @pytest.mark.parametrize("rows", [1, 96, 191, 193, 288, 383])

@@ -3,12 +3,11 @@ import math
 import pytest
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.decoding import Record
-from fieldkit.drivers.meters.lutron import Lutron, parse
+from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError
-from fieldkit.model.samples import NO_COUNTER, Quality, Reading
+from fieldkit.model.samples import Quality
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 T2 = bytes.fromhex("02 34 32 30 31 31 31 30 30 30 30 30 31 32 37 0D")
@@ -35,13 +34,6 @@ def test_light_meter_declares_lux_before_its_first_reading(opened):
     assert device.info.wire_time_s == pytest.approx(0.0167, abs=1e-4)
     reading = device.read(1.0)
     assert (reading.values, reading.raw, reading.quality) == ((98760.0,), LUX, Quality.GOOD)
-
-
-def test_a_record_and_its_reading_have_every_field(opened):
-    record, reading = parse(LUX), opened(LUX).read(1.0)
-    assert Record(*record) == record
-    assert Reading(*reading) == reading
-    assert (reading.device_time, reading.device_seq, reading.seq) == (NO_COUNTER, NO_COUNTER, -1)
 
 
 def test_end_of_range_is_flagged(opened):

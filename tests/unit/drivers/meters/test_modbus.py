@@ -1,4 +1,5 @@
 import math
+import struct
 from types import MappingProxyType
 
 import pytest
@@ -133,10 +134,13 @@ def test_counts_that_mean_no_value_are_those_of_the_whole_channel(kind, no_value
 @pytest.mark.parametrize("registers", [(0x43FA, 0x0000), (0x43FA, 0x2000), (0x4452, 0xECCD)])
 def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
     """500, 500.25 and 843.7 W/m2 by IEEE 754; exchanged they are 2.4e-41, 1.1e-19 and -2e27."""
+    expected = struct.unpack(">f", struct.pack(">HH", *registers))[0]
     for low_first in (False, True):
         channel = Channel("sun", 0, "f32", "W/m²", words_low_first=low_first)
         own = block_of(channel, 2, limits=(-100.0, 2000.0))
-        assert math.isnan(own.values(registers)[0].value) is low_first
+        right, wrong = (registers[::-1], registers) if low_first else (registers, registers[::-1])
+        assert own.values(right)[0].value == pytest.approx(expected)
+        assert math.isnan(own.values(wrong)[0].value)
 
 
 @pytest.mark.parametrize(
@@ -146,12 +150,8 @@ def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
         ("first = 0", "first = 65530", "not within 65536 registers"),
         ("count = 8", "count = inf", "count: "),
         ("register = 0", "register = 1.5", r"channel.0.register: "),
-        ("scale = 0.1", 'scale = "0.1"', r"channel.0.scale: "),
         ("scale = 0.1", "scale = inf", r"channel.0.scale: "),
-        ("scale = 0.1", "offset = [1]", r"channel.0.offset: "),
         ("repeat = 8", "repeat = 1000000000000", r"channel.0.repeat: "),
-        ("repeat = 8", "repeat = true", r"channel.0.repeat: "),
-        ("[[channel]]", "[status]\nregister = 1.5\n[[channel]]", r"status.register: "),
         ("[[channel]]", "[status]\nbits = [{bit = -1, word = 'x'}]\n[[channel]]", r"status.bits.0.bit: "),
         ("register = 0", "register = 8", "register 8 is not among 0 to 7"),
         ('type = "s16"', 'type = "s17"', r"channel.0.type: "),
@@ -189,15 +189,6 @@ def test_missing_map_lists_those_there_are(wire):
     assert "kipp-smp" in caught.value.fix
     with pytest.raises(ConfigError, match="which instrument"):
         Modbus().open(settings(wire), HostClock())
-
-
-@pytest.mark.parametrize(("low_first", "registers"), [(False, (0x4452, 0xECCD)), (True, (0xECCD, 0x4452))])
-def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
-    text = (FOLDER / "apogee.toml").read_text()
-    mine = tmp_path / "mine.toml"
-    mine.write_text(text + f"words_low_first = {str(low_first).lower()}\n")
-    (value,) = load_map(str(mine)).values(registers)
-    assert value.value == pytest.approx(843.7)
 
 
 def test_short_answer_with_a_wrong_check_is_one_part():
@@ -250,13 +241,7 @@ def test_a_register_that_stands_for_no_value_has_none():
         ("f32", (0x7F80, 0x0000)),
     ],
 )
-def test_counts_that_stand_for_no_value_by_their_type_have_none(tmp_path, type_, registers):
-    mine = tmp_path / "mine.toml"
-    mine.write_text(
-        'title = "x"\nquantity = "irradiance"\nunit = "W m-2"\nfunction = 3\nfirst = 0\n'
-        f"count = {len(registers)}\n"
-        f'[[channel]]\nname = "sun"\nregister = 0\ntype = "{type_}"\nunit = "W m-2"\nscale = 1e-6\n'
-    )
-    (value,) = load_map(str(mine)).values(registers)
+def test_counts_that_stand_for_no_value_by_their_type_have_none(type_, registers):
+    (value,) = block_of(Channel("sun", 0, type_, "W m-2", scale=1e-6), len(registers)).values(registers)
     assert math.isnan(value.value)
     assert value.quality == Quality.NO_VALUE

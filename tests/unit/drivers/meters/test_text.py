@@ -111,13 +111,6 @@ def test_a_bad_field_costs_its_channel_alone(line, bad):
     assert decoded.rejected == ()
 
 
-def test_a_board_whose_light_is_over_range_keeps_its_temperatures(wire):
-    wire.talk(b"ms,temp_c,lux\n1,21.5,OL\n")
-    device = wire.open(Text(), settings(wire))
-    reading = device.read(1.0)
-    assert (reading.values, reading.quality) == ((pytest.approx(294.65),), Quality.GOOD)
-
-
 def test_an_open_probe_of_a_board_without_other_channels_is_no_value_of_its_stream(wire):
     wire.talk(b"T=OL\nT=21.5 C\n")
     device = wire.open(Text(), settings(wire))
@@ -215,14 +208,6 @@ def test_a_board_that_cannot_be_read_shows_its_line_and_the_accepted_forms(wire,
         Text().open(settings(wire), HostClock())
     assert "LUX 980.2" in caught.value.message
     assert "T1=21.56 C" in str(caught.value.fix)
-
-
-def test_a_meter_states_why_it_dropped_a_line(wire):
-    wire.talk(b"T=21.5 C\nLUX 980.2\n")
-    device = wire.open(Text(), settings(wire))
-    for _ in range(3):
-        device.read(1.0)
-    assert "'LUX 980.2'" in device.rejected_because
 
 
 def test_microwatts_and_kilolux_become_the_streams_unit(wire):
