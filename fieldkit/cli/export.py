@@ -27,7 +27,7 @@ FORMATS = "\n".join(f"{name:<10} {export_format.meaning}" for name, export_forma
 @click.argument("session", required=False, type=PATH)
 @click.option("--to", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
 @click.option("-o", "--out", "folder", type=PATH, metavar="DIR", help="[default: results/NAME]")
-@click.option("--stream", metavar="NAME", help="Camera, if there are several; of mcap and ros2, any stream.")
+@click.option("--stream", metavar="NAME", help="Camera, if there are several; of mcap, any stream.")
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
 @click.option(
     "--from", "begin", metavar="TIME", help="Only frames since 12:31, 2026-12-11T12:31 or -5m (from the end)."

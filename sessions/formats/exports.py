@@ -44,8 +44,7 @@ EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
         "csv": ExportFormat("tables_out:export_csv", "tables, one row a sample, units in the header"),
         "parquet": ExportFormat("tables_out:export_parquet", "the same tables for programs"),
         "netcdf": ExportFormat("netcdf_out:export_netcdf", "netCDF, a group for each stream and table"),
-        "mcap": ExportFormat("mcap_out:export_mcap", "one MCAP file of everything, for its viewers", _STREAM),
-        "ros2": ExportFormat("ros2:export_ros2", "an MCAP file with ROS 2's own message types", _STREAM),
+        "mcap": ExportFormat("ros2:export_mcap", "one MCAP file of everything, as ROS 2 messages", _STREAM),
         "ro-crate": ExportFormat(
             "ro_crate_out:export_ro_crate",
             "session and tables with RO-Crate metadata, for archives",

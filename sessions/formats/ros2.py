@@ -1,8 +1,10 @@
-"""ROS 2 messages in one MCAP file: a session, or layers on the ground.
+"""MCAP files with ROS 2 messages: a session, or layers on the ground.
 
-No ROS is needed to write it; ``ros2 bag play``, rviz and Foxglove read it. Frames are 32FC1 in kelvin of
-brightness temperature where the camera's law is known, else mono16 counts; temperatures are in °C, as
-``sensor_msgs/Temperature`` has them. On the ground x is east, y north. Needs ``fieldkit-slope[terrain]``.
+No ROS is needed to write them; ``ros2 bag play``, rviz, Foxglove and the ``mcap`` package read them, because
+the definitions of all messages stand in the file. Frames are 32FC1 in kelvin of brightness temperature where
+the camera's law is known, else mono16 counts; temperatures are in °C, as ``sensor_msgs/Temperature`` has
+them. What ROS has no message for is in messages of ``fieldkit_msgs``: each sample as it was recorded, slopes,
+and the details of events. On the ground x is east, y north.
 """
 
 from __future__ import annotations
@@ -11,10 +13,12 @@ import heapq
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic_core import to_json
 
 from fieldkit.disk import replacing
 from fieldkit.model.arrays import SingleArray
@@ -22,12 +26,14 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, Frame, Reading, Severity
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_geometry import Heights
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.sessions.analysis import channel_names
 from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.sample_fields import SAMPLE_FIELDS
 
 if TYPE_CHECKING:
     from mcap_ros2.writer import Writer
@@ -47,7 +53,7 @@ def ros2_writer(file: IO[bytes]) -> Writer:
     try:
         from mcap_ros2.writer import Writer
     except ImportError as error:
-        raise ConfigError("MCAP of ROS 2 needs mcap-ros2-support", fix=install_extra("terrain")) from error
+        raise ConfigError("MCAP needs mcap-ros2-support", fix=install_extra("lab")) from error
     return Writer(file)
 
 
@@ -67,9 +73,11 @@ def header(time_ns: int, frame_id: str) -> dict[str, Any]:
     return {"stamp": time(time_ns), "frame_id": frame_id}
 
 
-# --- a session: frames as ``sensor_msgs/Image``, readings and events as their own types
+# --- a session: what ROS has a message for as its own types, and everything as it was recorded
 
 
+_OWN_FIELDS = {"q": "int64", "I": "uint32", "d": "float64"}
+_RECORDED = [field for field in SAMPLE_FIELDS if field.attribute != "time_ns"]  # that is in the header
 _DEFINITIONS = {
     "sensor_msgs/msg/Image": "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\n"
     "uint8 is_bigendian\nuint32 step\nuint8[] data",
@@ -79,39 +87,57 @@ _DEFINITIONS = {
     "rcl_interfaces/msg/Log": "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n"
     "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\n"
     "uint32 line",
+    "fieldkit_msgs/msg/Event": "std_msgs/Header header\nstring kind\nstring text\nstring data  # JSON",
+    "fieldkit_msgs/msg/Sample": "\n".join(
+        ["std_msgs/Header header", *(f"{_OWN_FIELDS[field.code]} {field.column}" for field in _RECORDED)]
+    )
+    + "\nuint8[] raw  # bytes of a reading; counts of a frame, then the rows that the camera sent with it",
+    "fieldkit_msgs/msg/Slope": "std_msgs/Header header\nstring state\nstring model\nstring reason\n"
+    "uint32 minutes\n"
+    + "\n".join(f"float64 {field.key}  # {field.description}" for field in SLOPE_FIELDS.values()),
 }
 _LEVELS = {Severity.INFO: 20, Severity.WARNING: 30, Severity.ERROR: 40}
 Message = tuple[str, str, dict[str, Any]]
 """Topic, type and fields."""
 
 
-def export_ros2(
+def export_mcap(
     session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
 ) -> list[Path]:
-    """One ``-ros2.mcap`` with all streams, or the one named; of frames every n-th.
+    """One ``.mcap`` with all streams, or the one named; of frames every n-th.
 
     Raises `ConfigError` where the package that writes it is not installed.
     """
-    path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}-ros2.mcap"
+    path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}.mcap"
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
     topics = _topics(session.streams)
+    entries = heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns)
     with replacing(path, synced=False) as draft, draft.open("wb") as file, ros2_writer(file) as writer:
+        _about(writer, session)
         schemas = {
             kind: writer.register_msgdef(kind, definition({"": text})) for kind, text in _DEFINITIONS.items()
         }
-        for item in heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns):
+        for item in chain(entries, session.estimates()):
             if not isinstance(item, Frame) or item.seq % every == 0:
                 for topic, kind, fields in _messages(item, session.streams, topics):
                     writer.write_message(topic, schemas[kind], fields, item.time_ns, item.time_ns)
     return [path]
 
 
+def _about(writer: Writer, session: SessionReader) -> None:
+    """Header and provenance of the session as metadata, its configuration as an attachment."""
+    facts = {"header": session.header.to_json(), "id": session.session_id, "state": session.state}
+    writer.add_metadata("fieldkit session", {**facts, **session.provenance})
+    config = session.config_toml.encode()
+    writer.add_attachment(session.start_ns, session.start_ns, "fieldkit.toml", "application/toml", config)
+
+
 def _topics(streams: Mapping[str, StreamInfo]) -> dict[str, list[str]]:
-    """The topics of each stream: of its images, or one for each channel; a number tells equal ones apart."""
+    """The topics of each stream: its samples, then its images or channels; a number parts equal ones."""
     topics: dict[str, list[str]] = {}
     names: set[str] = set()
     for info in streams.values():
-        for channel in ("image_raw",) if info.is_camera else channel_names(info):
+        for channel in ("sample", *(("image_raw",) if info.is_camera else channel_names(info))):
             topic = f"/{_name(info.name)}/{_name(channel)}"
             free = free_name(topic, names, topic.rstrip("_") + "_{1}")
             names.add(free)
@@ -120,14 +146,32 @@ def _topics(streams: Mapping[str, StreamInfo]) -> dict[str, list[str]]:
 
 
 def _messages(
-    item: Frame | Reading | Event, streams: Mapping[str, StreamInfo], topics: Mapping[str, Sequence[str]]
+    item: Frame | Reading | Event | SlopeEstimate,
+    streams: Mapping[str, StreamInfo],
+    topics: Mapping[str, Sequence[str]],
 ) -> Iterator[Message]:
-    if isinstance(item, Event):
-        yield "/rosout", "rcl_interfaces/msg/Log", _log(item)
-    elif isinstance(item, Frame):
-        yield topics[item.stream][0], "sensor_msgs/msg/Image", _image(item, streams[item.stream])
-    else:
-        yield from _readings(item, streams[item.stream], topics[item.stream])
+    match item:
+        case SlopeEstimate():
+            yield "/slopes", "fieldkit_msgs/msg/Slope", _slope(item)
+        case Event():
+            yield "/rosout", "rcl_interfaces/msg/Log", _log(item)
+            yield "/events", "fieldkit_msgs/msg/Event", _event(item)
+        case Frame():
+            sample, image = topics[item.stream]
+            yield sample, "fieldkit_msgs/msg/Sample", _sample(item)
+            yield image, "sensor_msgs/msg/Image", _image(item, streams[item.stream])
+        case Reading():
+            sample, *channels = topics[item.stream]
+            yield sample, "fieldkit_msgs/msg/Sample", _sample(item)
+            yield from _readings(item, streams[item.stream], channels)
+
+
+def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
+    return {
+        "header": header(estimate.time_ns, estimate.region),
+        "state": estimate.state.name.lower(), "model": estimate.model, "reason": estimate.reason,
+        "minutes": estimate.n_bins, **{name: getattr(estimate, name) for name in SLOPE_FIELDS},
+    }  # fmt: skip
 
 
 def _log(event: Event) -> dict[str, Any]:
@@ -135,6 +179,21 @@ def _log(event: Event) -> dict[str, Any]:
         "stamp": time(event.time_ns), "level": _LEVELS.get(event.severity, 30), "name": event.stream,
         "msg": event.text, "file": "", "function": event.kind.name.lower(), "line": 0,
     }  # fmt: skip
+
+
+def _event(event: Event) -> dict[str, Any]:
+    head = header(event.time_ns, event.stream)
+    data = to_json(event.data, inf_nan_mode="null").decode()
+    return {"header": head, "kind": event.kind.name.lower(), "text": event.text, "data": data}
+
+
+def _sample(sample: Frame | Reading) -> dict[str, Any]:
+    if isinstance(sample, Frame):
+        raw = b"".join(array.astype("<u2").tobytes() for array in (sample.counts, sample.metadata_rows))
+    else:
+        raw = sample.raw
+    recorded = {field.column: getattr(sample, field.attribute, field.fill) for field in _RECORDED}
+    return {"header": header(sample.time_ns, sample.stream), **recorded, "raw": raw}
 
 
 def _image(frame: Frame, info: StreamInfo) -> dict[str, Any]:

@@ -181,9 +181,9 @@ def _frames(path: Path, page: TiffPage, count: int) -> Iterator[Page]:
     scale, unit = _gdal_scale(page)
     for number in range(count):
         yield Page(
-            shape=(page.imagelength, page.imagewidth),
-            channels=page.samplesperpixel,
-            bits=page.bitspersample,
+            shape=(int(page.imagelength), int(page.imagewidth)),  # a damaged tag may hold several
+            channels=int(page.samplesperpixel),
+            bits=int(page.bitspersample),
             kind=int(page.sampleformat),
             orientation=int(page.tags.valueof("Orientation", 1)),
             is_frame=not page.is_reduced and not page.is_mask,

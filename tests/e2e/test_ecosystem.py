@@ -2,7 +2,7 @@
 
 What is exported of it passes the checkers of archives: CF, Frictionless. RO-Crate's required sentences are in
 tests/unit/sessions/formats/test_ro_crate.py, COG in tests/unit/cli/test_map.py, MCAP's own reader in
-tests/unit/sessions/formats/test_export.py.
+tests/unit/sessions/formats/test_mcap.py.
 
 Each engine bundles its own HDF5 library, so each runs in a process of its own.
 """

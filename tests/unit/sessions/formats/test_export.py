@@ -1,13 +1,12 @@
 """What other programs get is what was recorded, with units and times."""
 
-import base64
 import json
 import math
 import resource
 import shutil
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from mcap.reader import make_reader
 from PIL import Image
 
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.next_step import Argument
-from fieldkit.model.samples import Event, EventKind, Frame, Quality
+from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import frame_k, ht301
@@ -34,7 +32,6 @@ from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.images_out import export_frame_tables, export_pngs, export_tiffs, export_video
 from fieldkit.sessions.formats.logs import read_log
-from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_parquet
@@ -482,70 +479,10 @@ def test_netcdf_of_a_camera_of_another_law_has_kelvin(tmp_path):
             )
 
 
-def messages_of(path: Path) -> dict[str, list[tuple[int, Any]]]:
-    """Time and content of the messages of each topic, read by the format's own reader, checksums on."""
-    messages: dict[str, list[tuple[int, Any]]] = {}
-    with path.open("rb") as file:
-        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            messages.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
-    return messages
-
-
-def test_mcap_holds_every_bit(session, tmp_path):
-    (path,) = export_mcap(session, tmp_path)
-    messages = messages_of(path)
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        schemas = {schema.name: json.loads(schema.data) for schema in reader.get_summary().schemas.values()}
-        (attachment,) = reader.iter_attachments()
-        (about,) = reader.iter_metadata()
-    assert attachment.data.decode() == HEADER.config_toml
-    assert float(about.metadata["longitude_deg"]) == HEADER.site.longitude_deg
-    assert {"foxglove.RawImage", "foxglove.Log", "fieldkit.Reading.lux"} <= set(schemas)
-    assert set(schemas["fieldkit.Reading.thermometer"]["properties"]["values"]["properties"]) == {
-        "T1", "T2", "T3", "T4",
-    }  # fmt: skip
-    for original in session.samples():
-        ((time_ns, message),) = [
-            (time_ns, message)
-            for time_ns, message in messages[f"/{original.stream}"]
-            if message["seq"] == original.seq
-        ]
-        assert time_ns == message["timestamp"]["sec"] * 10**9 + message["timestamp"]["nsec"]
-        assert time_ns == original.time_ns
-        assert (message["mono_ns"], message["flags"]) == (original.mono_ns, int(original.quality))
-        if isinstance(original, Frame):
-            assert base64.b64decode(message["data"]) == original.counts.tobytes()
-            assert base64.b64decode(message["metadata_rows"]) == original.metadata_rows.tobytes()
-            assert message["step"] * message["height"] == original.counts.nbytes
-        else:
-            assert tuple(message["values"].values()) == original.values
-            assert base64.b64decode(message["raw"]) == original.raw
-    assert [message["message"] for _, message in messages["/events"]] == ["wolke über b05"]
-
-
 def taught(path: Path) -> SessionReader:
     """A session of two minutes with what the data taught in the second."""
     second = MinuteRecord(START_NS + 60 * 10**9, (), learnt=replace(learnt(), chi_square=math.nan))
     return sealed_session(path, MinuteRecord(START_NS, ()), second)
-
-
-def test_mcap_holds_what_the_data_taught(tmp_path):
-    with taught(tmp_path / "field.h5") as session:
-        (path,) = export_mcap(session, tmp_path)
-    ((_, message),) = messages_of(path)["/learnt"]
-    assert message["timestamp"]["sec"] == START_NS // 10**9 + 60
-    assert message["parameters"] == [asdict(parameter) for parameter in learnt().parameters]
-    assert message["residual_k"] == {"flat": 0.05}
-    assert message["chi_square"] is None
-
-
-def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path):
-    wind = Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan})
-    with sealed_session(tmp_path / "field.h5", wind) as session:
-        (path,) = export_mcap(session, tmp_path)
-    ((_, message),) = messages_of(path)["/events"]
-    assert message["data"] == {"wind_m_s": None}
 
 
 def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
@@ -560,16 +497,6 @@ def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
             assert found["residual_k"].dims == ("time", "region")
             assert found["name"][0, :3].astype(str).values.tolist() == ["gain", "exchange", "thermal_inertia"]
             assert found["value"][0, 3] == learnt().parameters[3].value
-
-
-def test_mcap_of_one_stream_and_every_nth_picture(session, tmp_path):
-    (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
-    assert path.name == "field-camera.mcap"
-    messages = messages_of(path)
-    assert len(messages["/camera"]) == FRAMES // 5
-    assert "/lux" not in messages
-    with pytest.raises(SessionError, match="sonar"):
-        export_mcap(session, tmp_path, stream="sonar")
 
 
 SECRET = 424242.0
