@@ -29,11 +29,9 @@ from fieldkit.model.arrays import SingleArray
 FRAMES = 64
 ROUNDS = 31
 GIVES = f"{FRAMES} frames to float32 kelvin, flags and the mean of a region; theirs to float64 °C alone"
-BARE = "to float32 kelvin, extremes and one mean; no telemetry, flags or checks"
 LEPTON = Row(
     "lepton", "Lepton 160x122, flirpy's telemetry and its user's conversion over ours", ">= 2", included=GIVES
 )
-LEPTON_LEAST = Row("lepton-least", "the same over the least there is to do", "", included=BARE)
 BOSON = Row(
     "boson", "Boson 640x512, the conversion that flirpy's user writes over ours", ">= 2.5", included=GIVES
 )
@@ -91,7 +89,7 @@ def _lepton() -> list[Result]:
         from flirpy.camera.lepton import Lepton
     except ImportError:
         return []
-    ring, bed = [lepton_bytes(seed) for seed in range(FRAMES)], _Bed(160, 120)
+    ring = [lepton_bytes(seed) for seed in range(FRAMES)]
     camera = Lepton.__new__(Lepton)
     camera.conn = None  # no camera is opened; its destructor looks for one
 
@@ -100,14 +98,8 @@ def _lepton() -> list[Result]:
         camera.decode_telemetry(image)
         return image[:-2].astype(float) / 100 - 273.15
 
-    def least(data: bytes) -> Any:
-        counts = np.frombuffer(data, "<u2").reshape(122, 160)[:120]
-        image = counts.astype(np.float32)
-        image *= 0.01
-        return image, cv2.minMaxLoc(counts), bed.mean_k(image)
-
-    ours = partial(_ours, purethermal.decode, bed)
-    return [_around(LEPTON, ring, ours, theirs), _around(LEPTON_LEAST, ring, least, theirs)]
+    ours = partial(_ours, purethermal.decode, _Bed(160, 120))
+    return [_around(LEPTON, ring, ours, theirs)]
 
 
 def boson_bytes(seed: int) -> bytes:

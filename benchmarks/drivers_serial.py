@@ -14,7 +14,6 @@ import multiprocessing
 import os
 import pty
 import struct
-import termios
 import time
 import tty
 from collections.abc import Callable
@@ -25,26 +24,19 @@ import serial
 
 from benchmarks.result import Result, Row
 from benchmarks.sides import share
-from fieldkit.drivers.decoding import Record
-from fieldkit.drivers.framing import CHUNK_BYTES
-from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.samples import Reading
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
 READINGS, ROUNDS, EVERY_S = 10, 9, 0.1
 ONE = "ours stamped, checked, bytes kept; CPU of the reading thread"
-LEAST = "a system call, the layout and a reading in one function"
 LUTRON = Row("lutron", "Lutron, CPU of a reading over a `read_until` loop", "<= 0.5", included=ONE)
-LUTRON_LEAST = Row("lutron-least", "the same, the least there is to do", "", included=LEAST)
 CENTER = Row("center", "Center 309, CPU of a reading over a PyMeasure instrument", "<= 0.8", included=ONE)
 CENTER_BARE = Row("center-bare", "Center 309, the same over PyMeasure's bare adapter", "<= 0.8", included=ONE)
-CENTER_LEAST = Row("center-least", "the same, the least there is to do, Center 309", "", included=LEAST)
 FORK = multiprocessing.get_context("fork")
 Read = Callable[[], Any]
 
@@ -130,49 +122,9 @@ def _their_lutron(path: str) -> tuple[Read, Callable[[], None]]:
     return read, port.close
 
 
-def _blocking(path: str) -> tuple[serial.Serial, int]:
-    """A port whose reads wait up to a second in the kernel, and its descriptor."""
-    port = serial.Serial(path, 9600)
-    line = port.fileno()
-    attributes = termios.tcgetattr(line)
-    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, 10
-    termios.tcsetattr(line, termios.TCSANOW, attributes)
-    os.set_blocking(line, True)
-    return port, line
-
-
-def _least_lutron(path: str) -> tuple[Read, Callable[[], None]]:
-    """A system call, the layout and a reading: no exact time-out, no second record, no layers."""
-    port, line = _blocking(path)
-
-    def read() -> Reading:
-        frame = os.read(line, CHUNK_BYTES)
-        now, parsed = time.monotonic_ns(), lutron.parse(frame)
-        assert isinstance(parsed, Record)
-        return Reading("lux", now, now, parsed.numbers, frame, parsed.channels[0].quality)
-
-    return read, port.close
-
-
 def _our_center(path: str) -> tuple[Read, Callable[[], None]]:
     device = Center309().open(DeviceSettings("t", "center-309", port=path, every_s=1e-4), HostClock())
     return lambda: device.read(1.0), device.close
-
-
-def _least_center(path: str) -> tuple[Read, Callable[[], None]]:
-    """Three system calls, the layout and a reading in kelvin: no turns, no layers."""
-    port, line = _blocking(path)
-
-    def read() -> Reading:
-        termios.tcflush(line, termios.TCIFLUSH)
-        os.write(line, b"A")
-        frame = os.read(line, CHUNK_BYTES)
-        now, parsed = time.monotonic_ns(), center.parse(frame)
-        assert isinstance(parsed, Record)
-        kelvin = tuple([number + 273.15 for number in parsed.numbers])
-        return Reading("t", now, now, kelvin, frame, parsed.channels[0].quality)
-
-    return read, port.close
 
 
 def _channels(frame: bytes) -> tuple[float, ...] | None:
@@ -209,15 +161,11 @@ def _adapter_center(path: str) -> tuple[Read, Callable[[], None]]:
 
 
 def run() -> list[Result]:
-    results = [
-        _compare(LUTRON, LUX, (_our_lutron, _their_lutron)),
-        _compare(LUTRON_LEAST, LUX, (_least_lutron, _their_lutron)),
-    ]
+    results = [_compare(LUTRON, LUX, (_our_lutron, _their_lutron))]
     if importlib.util.find_spec("pymeasure"):
         results += [
             _compare(CENTER, RECORD, (_our_center, _instrument_center)),
             _compare(CENTER_BARE, RECORD, (_our_center, _adapter_center)),
-            _compare(CENTER_LEAST, RECORD, (_least_center, _adapter_center)),
         ]
     return results
 

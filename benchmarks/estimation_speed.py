@@ -1,4 +1,4 @@
-"""Cost of the live estimator: a frame, a minute, a map; and live against batch.
+"""Cost of the live estimator: a minute, a map; and live against batch.
 
 The contour scoring and least squares of the whole study are measured in `benchmarks.study`.
 """
@@ -12,8 +12,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import compare, seconds
-from fieldkit.estimation.bins import RegionPixels, RegionSums
+from benchmarks.sides import seconds
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Reading, Sample
@@ -30,7 +29,6 @@ SITE = Site(35.558675, 139.395232, 9.0)
 START_NS = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
 SHAPE = (120, 160)
 PAPER = SurfaceParameters()
-FRAME = Row("frame", "sums of a 160x120 frame for four regions, boolean masks, mean and std over ours", "")
 BURSTS = Row(
     "bursts",
     "live estimator on 3 h of bursts of three beds",
@@ -91,23 +89,6 @@ def estimate(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Min
     return closed + estimator.finish()
 
 
-def frame_cost() -> Result:
-    """A frame into four regions, as an owner of numpy would do it beside."""
-    frame = next(sample for sample in session(1) if isinstance(sample, Frame))
-    outline, sums = RegionPixels(BEDS, SHAPE), RegionSums(len(BEDS))
-    masks = [bed.mask(SHAPE) for bed in BEDS]
-
-    def ours() -> None:
-        for _ in range(1000):
-            sums.add(outline.sums(frame.counts), 0)
-
-    def theirs() -> None:
-        for _ in range(1000):
-            [(frame.counts[mask].mean(), frame.counts[mask].std()) for mask in masks]
-
-    return compare(FRAME, ours, theirs, clock=time.process_time)
-
-
 def sessions() -> list[Result]:
     """Three hours of bursts from samples to slopes, and in another order of arrival."""
     samples = session(180)
@@ -150,4 +131,4 @@ def one_map() -> Result:
 
 def run() -> list[Result]:
     """All rows; about half a minute."""
-    return [frame_cost(), *sessions(), one_map()]
+    return [*sessions(), one_map()]

@@ -45,11 +45,9 @@ LARGE_PLAIN = Row("large-plain", "whole recording over MCAP uncompressed, 640x51
 LARGE_SIZE = Row(
     "large-size", "size of the session over that of MCAP with zstd, 640x512", "<= 1", included="whole files"
 )
-MEDIUM_CPU = Row("medium-cpu", "whole recording, 256x192: CPU of a frame", "", "ms", WHOLE)
 MEDIUM_NAIVE = Row(
     "medium-naive", "whole recording over h5py as one writes it first, 256x192", ">= 1.5", included=NAIVE
 )
-MEDIUM_ZSTD = Row("medium-zstd", "whole recording over MCAP with zstd, 256x192", "", included=THEIR_MCAP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +64,10 @@ def run() -> list[Result]:
     steal = Steal()
     large, medium = _costs(LARGE, NAIVE_LARGE_FRAMES), _costs(MEDIUM, FRAMES)
     results = [_cpu(LARGE_CPU, large), _over(LARGE_NAIVE, large, "h5py")]
-    results += [_cpu(MEDIUM_CPU, medium), _over(MEDIUM_NAIVE, medium, "h5py")]
+    results += [_over(MEDIUM_NAIVE, medium, "h5py")]
     if "ZSTD" in large:
         results += [_over(LARGE_ZSTD, large, "ZSTD"), _over(LARGE_PLAIN, large, "NONE")]
-        results += [_over(MEDIUM_ZSTD, medium, "ZSTD"), _size(LARGE_SIZE, large)]
+        results += [_size(LARGE_SIZE, large)]
     return [replace(result, steal=steal.share()) for result in results]
 
 

@@ -25,14 +25,12 @@ from benchmarks.session_data import (
     LARGE,
     MEDIUM,
     SMALL,
-    Camera,
     camera,
     folder,
     frame,
     header,
     noisy_frames,
     write_mcap,
-    write_naively,
     write_session,
 )
 from benchmarks.sides import in_rounds, seconds, share
@@ -43,13 +41,12 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Reading
 from fieldkit.sessions import chunks, file_tree
 from fieldkit.sessions.chunks import FrameWriter
-from fieldkit.sessions.file_tree import LIBVER, put_frames
+from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import chunk_shape
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.writer import SessionWriter
 
 RAW_FRAMES = 600
-NAIVE_FRAMES = 60
 ROUNDS = 7
 SYNCED = "640x512, uncompressed, synced"
 CHUNKS = Row("chunks", "chunks alone over `os.write`", ">= 0.5", included=SYNCED)
@@ -60,13 +57,6 @@ OVER_TWICE = Row(
 )
 OVER_MCAP = Row("chunks-mcap", "chunks alone over MCAP", ">= 1", included=SYNCED)
 OVER_ZARR = Row("chunks-zarr", "chunks alone over zarr", ">= 1", included=SYNCED)
-CHUNKS_ONLY = "compressed chunks only, two threads against one; no journal, seal or sync"
-NAIVE_MEDIUM = Row(
-    "naive-medium", "chunks alone over h5py as one writes it first, 256x192", "", included=CHUNKS_ONLY
-)
-NAIVE_LARGE = Row(
-    "naive-large", "chunks alone over h5py as one writes it first, 640x512", "", included=CHUNKS_ONLY
-)
 SIZE = Row(
     "size", "raw over stored bytes, 256x192 with 50 mK of noise", ">= 1.8", included="the sealed session"
 )
@@ -78,9 +68,7 @@ JOURNAL = Row(
 
 
 def run() -> list[Result]:
-    results = _against_formats()
-    results += [_against_naive(MEDIUM, NAIVE_MEDIUM), _against_naive(LARGE, NAIVE_LARGE)]
-    return [*results, _size(), _journal_size()]
+    return [*_against_formats(), _size(), _journal_size()]
 
 
 def _rate(work: Callable[[Path], None], data: CountArray) -> float:
@@ -180,31 +168,6 @@ def _zarr(path: Path, data: CountArray) -> None:
         array[number] = counts
     for file in path.rglob("*"):
         sync(file)
-
-
-def _compress(path: Path, info: StreamInfo, data: CountArray) -> None:
-    with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
-        dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
-        writer = FrameWriter(dataset, pool, defaultdict(int))
-        for counts in data:
-            writer.put(counts)
-            if writer.is_full:
-                writer.write()
-        writer.write()
-
-
-def _against_naive(size: Camera, row: Row) -> Result:
-    """The other side stores a fifth of the frames: it is slow, and its frames cost the same one by one."""
-    info, few = camera(*size), noisy_frames(size[0], NAIVE_FRAMES)
-    many = np.tile(few, (5, 1, 1))
-    rounds = [
-        (
-            _rate(lambda place: _compress(place / "a.h5", info, many), many),
-            _rate(lambda place: write_naively(place / "a.h5", few), few),
-        )
-        for _ in range(3)
-    ]
-    return share(row, rounds, "MB/s")
 
 
 def _size() -> Result:
