@@ -11,8 +11,7 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -21,7 +20,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from fieldkit.cli.next_steps import RUNNING, in_commands
-from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Text
 
 if TYPE_CHECKING:
@@ -202,15 +200,6 @@ def say(text: Text) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:
         to_stderr(in_commands(text))
-
-
-@contextmanager
-def usage_errors() -> Iterator[None]:
-    """Raise a `ConfigError` about an option's value as a usage error (exit code 2)."""
-    try:
-        yield
-    except ConfigError as error:
-        raise click.UsageError(in_commands(error.line)) from error
 
 
 def say_warning(text: Text) -> None:

@@ -6,7 +6,6 @@ its traceback goes into a log file whose path is printed.
 
 from __future__ import annotations
 
-import codecs
 import errno
 import io
 import os
@@ -27,9 +26,6 @@ if TYPE_CHECKING:  # every command would wait for it, also --help
 
 UNEXPECTED = 1
 STOPPED = 130
-PLAIN = "fieldkit.plain"
-"""Codec error handler that replaces letters an encoding lacks."""
-_LETTERS = {"±": "+-", "°": "deg", "²": "2", "–": "-", "×": "x", "µ": "u", "…": "...", "“": '"', "”": '"'}
 _BROKEN = (errno.EPIPE, errno.ENOSPC)
 _OF_A_DISK = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO),
@@ -80,16 +76,7 @@ def _replace_missing_letters() -> None:
     """Replace characters missing from the terminal's encoding, such as ± under LANG=C, instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors=PLAIN)
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    assert isinstance(error, UnicodeEncodeError)
-    letters = error.object[error.start : error.end]
-    return "".join(_LETTERS.get(letter, "?") for letter in letters), error.end
-
-
-codecs.register_error(PLAIN, _plain)
+            stream.reconfigure(errors="replace")
 
 
 def _stdout_is_broken() -> bool:

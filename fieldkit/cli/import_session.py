@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, print_if_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, STREAM_NAME, ZONE
+from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, ZONE
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 @click.command(cls=Command)
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--out", type=PATH, metavar="FILE.h5", help="[default: recordings/]")
-@click.option(
-    "--as", "name", type=STREAM_NAME, help="Name of the stream [default: camera, station or logger]."
-)
+@click.option("--as", "name", metavar="NAME", help="Name of the stream [default: camera, station or logger].")
 @click.option(
     "--site",
     type=SITE,

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from fieldkit.cli import common
 from fieldkit.cli.common import Command, campaign, print_if_json, print_table, recordings, say
 from fieldkit.cli.types import PATH, WORDS
 
@@ -76,8 +75,7 @@ def _add(text: str, kind: str, at: str, to: str | None, longest: str | None) -> 
     from fieldkit.recording.running import unresponsive_recorder
 
     folder = recordings()
-    with common.usage_errors():
-        mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=to, longest=longest)
+    mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=to, longest=longest)
     session = send_to_recorder(folder, mark).session
     print_if_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
     if (silent := unresponsive_recorder(session)) is not None:

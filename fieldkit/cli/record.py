@@ -12,7 +12,7 @@ from fieldkit.cli import common
 from fieldkit.cli.page import LOOPBACK, page_beside
 from fieldkit.cli.recording import live_views, run_until_stopped, terminal_views
 from fieldkit.cli.session_paths import report_interrupted
-from fieldkit.cli.types import DURATION, TIME_OF_DAY
+from fieldkit.cli.types import DURATION, HOUR
 from fieldkit.model.durations import rounded_duration
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.stopping import stop_on_signals
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @click.option(
     "--at",
-    type=TIME_OF_DAY,
+    type=HOUR,
     metavar="TIME",
     help="Time of day to begin, such as 11:30, in the site's zone; until then the instruments are shown.",
 )
 @click.option(
     "--until",
-    type=TIME_OF_DAY,
+    type=HOUR,
     metavar="TIME",
     help="Time of day to stop, such as 15:05, in the site's zone.",
 )

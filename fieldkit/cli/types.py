@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from datetime import date, datetime, time
+from datetime import date, datetime
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -164,15 +164,6 @@ def parse_day(text: str) -> date:
     return day
 
 
-def parse_hour(text: str) -> time:
-    """A clock time ``HH:MM`` in the site's zone."""
-    full_text = text if ":" in text else f"{text}:00".rjust(5, "0")
-    clock_time = _from_iso(time.fromisoformat, full_text, "a time of the day like 12:00")
-    if clock_time.tzinfo is not None:
-        raise ValueError("is in the site's zone; omit the offset")
-    return clock_time
-
-
 def parse_xy(text: str) -> tuple[float, float]:
     """``X,Y`` of a pixel."""
     x, y = _numbers(text, (2,), "X,Y like 82,30")
@@ -208,16 +199,6 @@ def parse_record_name(text: str) -> str:
     from fieldkit.calibration.ranges import require_name
 
     require_name(text)
-    return text
-
-
-def parse_stream_name(text: str) -> str:
-    """The name of an imported stream, which becomes a group of the session file."""
-    from fieldkit.sessions.layout import RESERVED_NAMES
-
-    if text in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", text):
-        fix = "use letters and digits, like logger2"
-        raise ConfigError("cannot name a stream", place=repr(text), fix=fix)
     return text
 
 
@@ -274,19 +255,17 @@ NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 """Any path; a file that exists; a file to write."""
 WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
-TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
+HOUR = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)
 WINDOW = _Typed("TIME", parse_window)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)
 DAY = _Typed("YYYY-MM-DD", parse_day)
-HOUR = _Typed("HH:MM", parse_hour)
 ZONE = _Typed("ZONE", parse_zone)
 XY = _Typed("X,Y", parse_xy)
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
 RECORD_NAME = _Typed("NAME", parse_record_name)
-STREAM_NAME = _Typed("NAME", parse_stream_name)
 KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
