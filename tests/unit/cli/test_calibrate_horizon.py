@@ -12,17 +12,10 @@ from fieldkit.config.references import load_horizon
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.horizon import horizon_elevation
 from tests.harness.command_line import fieldkit, invoke, succeed
+from tests.harness.toml_text import toml_keys
 
-POSE = """crs = "EPSG:32654"
-east_m = 500000.0
-north_m = 3936200.0
-height_m = 2.0
-yaw_deg = 90.0
-pitch_deg = 0.0
-hfov_deg = 90.0
-range_m = 100.0
-ground_m = 0.0
-"""
+PLACE = {"crs": "EPSG:32654", "east_m": 500000.0, "range_m": 100.0, "ground_m": 0.0}
+POSE = toml_keys(**PLACE, north_m=3936200.0, height_m=2.0, yaw_deg=90.0, pitch_deg=0.0, hfov_deg=90.0)
 
 
 def calibrate(folder: Path, *words: str) -> Result:
@@ -74,7 +67,7 @@ def test_half_of_the_options_or_too_many_are_wrong_usage(words):
     assert fieldkit("calibrate", "horizon", *words).exit_code == 2
 
 
-CAMPAIGN = """schema = 1
+CAMPAIGN = f"""schema = 1
 [site]
 latitude_deg = 35.5
 longitude_deg = 141.0
@@ -84,15 +77,7 @@ driver = "purethermal"
 width_px = 160
 height_px = 120
 [camera.pose]
-crs = "EPSG:32654"
-east_m = 500000.0
-north_m = 3936190.0
-height_m = 6.0
-yaw_deg = 0.0
-pitch_deg = -30.0
-hfov_deg = 60.0
-range_m = 100.0
-ground_m = 0.0
+{toml_keys(**PLACE, north_m=3936190.0, height_m=6.0, yaw_deg=0.0, pitch_deg=-30.0, hfov_deg=60.0)}
 # lower
 [[region]]
 name = "low"

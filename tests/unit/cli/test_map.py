@@ -24,6 +24,7 @@ from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
 from tests.harness.command_line import document, fieldkit, invoke, succeed
 from tests.harness.simulated import record_simulated
+from tests.harness.toml_text import toml_keys
 
 
 @pytest.fixture(scope="module")
@@ -297,8 +298,8 @@ def test_the_learned_model_agrees_with_its_region_and_has_an_inertia_with_its_un
         assert 0.0 < sd < value
 
 
-MOVING = 'crs = "EPSG:32613"\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n'
-PLACE = "east_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\npitch_deg = -30.0\n"
+MOVING = toml_keys(crs="EPSG:32613", hfov_deg=50.0, range_m=60.0, ground_m=2300.0)
+PLACE = toml_keys(east_m=412000.0, north_m=4172000.0, height_m=2305.0, yaw_deg=0.0, pitch_deg=-30.0)
 POSE = MOVING + PLACE
 
 

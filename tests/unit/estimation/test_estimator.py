@@ -340,13 +340,6 @@ def test_late_samples_are_left_out_and_counted(yard):
     assert event.data == {"excluded": 1}
 
 
-def test_no_reference_is_said_in_words(yard):
-    bare = replace(yard, beds=yard.beds[1:])
-    found = last_of(bare, bare.samples(6)).estimates[0]
-    assert found.state == SlopeState.NO_DATA
-    assert "reference" in found.reason
-
-
 def test_a_last_minute_without_pictures_keeps_the_kelvin_per_degree(yard):
     samples = yard.samples(20)
     last_ns = yard.start_ns + 19 * MINUTE_NS

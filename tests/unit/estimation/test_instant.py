@@ -73,14 +73,8 @@ def minute(time_ns: int, *normals, flags: int = 0) -> History:
     """One minute of surfaces by the paper's eq. (7), the first of them level."""
     sun = sun_vectors(np.array([time_ns]), SITE)
     kelvin = temperatures_k(np.array([VERTICAL, *normals]), sun[0])
-    return History(
-        minute=np.array([time_ns // 60_000_000_000]),
-        time_ns=np.array([time_ns]),
-        sun=sun,
-        temperature_k=kelvin[np.newaxis],
-        dni_w_m2=np.array([800.0]),
-        flags=np.array([flags]),
-    )
+    times = np.array([time_ns // 60_000_000_000]), np.array([time_ns])
+    return History(*times, sun, kelvin[np.newaxis], np.array([800.0]), flags=np.array([flags]))
 
 
 def estimate(history: History, settings: EstimatorSettings, azimuth_deg: float = float("nan")):

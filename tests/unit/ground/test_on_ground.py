@@ -21,17 +21,11 @@ from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.results.slope_map import MappedSession
 from fieldkit.sessions.formats import geotiff
 from tests.harness.next_steps import at
+from tests.harness.toml_text import toml_keys
 
-POSE = """
-crs = "EPSG:32654"
-east_m = 354600.0
-north_m = 3936200.0
-height_m = 112.0
-yaw_deg = 10.0
-pitch_deg = -25.0
-hfov_deg = 50.0
-range_m = 90.0
-"""
+LENS = {"crs": "EPSG:32654", "hfov_deg": 50.0, "range_m": 90.0}
+PLACE = {"east_m": 354600.0, "north_m": 3936200.0, "height_m": 112.0}
+POSE = {**LENS, **PLACE, "yaw_deg": 10.0, "pitch_deg": -25.0}
 SHAPE = (120, 160)
 
 
@@ -49,18 +43,14 @@ def dem(tmp_path):
     return write_dem(tmp_path / "dem.tif", heights, transform=half_metres)
 
 
-def pose_of(path, time_ns=0):
-    return load_pose(path, time_ns)
-
-
-def pose_file(folder, text):
-    (folder / "pose.toml").write_text(text)
-    return folder / "pose.toml"
+def pose_of(folder, keys=POSE, time_ns=0, **changes):
+    (folder / "pose.toml").write_text(toml_keys(**{**keys, **changes}))
+    return load_pose(folder / "pose.toml", time_ns)
 
 
 def test_cells_hold_what_lies_on_them(tmp_path, dem):
     """Each pixel carries its ground coordinates: at a cell they are the cell's within half of one."""
-    view = ground_view(pose_of(pose_file(tmp_path, POSE + 'dem = "dem.tif"')), SHAPE, 1.0)
+    view = ground_view(pose_of(tmp_path, dem="dem.tif"), SHAPE, 1.0)
     east, north, up = np.moveaxis(view.points_m, -1, 0)
     assert up[np.isfinite(up)] == pytest.approx(terrain(east, north)[np.isfinite(up)], abs=0.05)
     layers = [
@@ -170,32 +160,19 @@ def test_a_wall_in_feet_is_as_high_for_every_reader(tmp_path):
     band = np.zeros((120, 220))
     band[:, 160:] = 20.0 / 0.3048
     write_dem(tmp_path / "dem.tif", band, west=354500.0 - 62.0, north=3936260.0, unit="ft")
-    path = pose_file(
-        tmp_path,
-        POSE.replace("354600.0", "354500.5").replace("112.0", "5.0").replace("= 10.0", "= 90.0")
-        .replace("-25.0", "0.0").replace("range_m = 90.0", "range_m = 150.0") + 'dem = "dem.tif"',
-    )  # fmt: skip
+    level = {"east_m": 354500.5, "height_m": 5.0, "yaw_deg": 90.0, "pitch_deg": 0.0, "range_m": 150.0}
+    view = ground_view(pose_of(tmp_path, dem="dem.tif", **level), SHAPE)
     horizon = dict(horizon_from_dem(tmp_path / "dem.tif", "EPSG:32654", 354500.5, 3936200.5))
     assert horizon[90.0] == pytest.approx(11.6, abs=0.15)
-    pose = read_pose(path)
+    pose = read_pose(tmp_path / "pose.toml")
     assert Ground(pose, SHAPE).with_heights([(354610.0, 3936200.0)])[0][2] == pytest.approx(20.0)
-    up = ground_view(pose_of(path), SHAPE).points_m[..., 2]
-    assert np.nanmax(up) == pytest.approx(20.0, abs=0.5)
+    assert np.nanmax(view.points_m[..., 2]) == pytest.approx(20.0, abs=0.5)
 
 
 STRETCHED = "+proj=tmerc +lat_0=35.5 +lon_0=139.4 +k=1.008 +x_0=0 +y_0=0 +datum=WGS84 +units=m +type=crs"
 """1.008 m on the grid per metre on the ground at its origin, where its north is true north."""
 MOON = "+proj=stere +lat_0=-90 +R=1737400 +units=m +type=crs"
-ABOVE = f"""
-crs = "{STRETCHED}"
-east_m = 0.0
-north_m = 0.0
-height_m = 10.0
-yaw_deg = 0.0
-pitch_deg = -45.0
-hfov_deg = 50.0
-range_m = 90.0
-"""
+ABOVE = {**LENS, "crs": STRETCHED, "east_m": 0.0, "north_m": 0.0, "height_m": 10.0, "yaw_deg": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -249,11 +226,11 @@ def test_a_pose_that_is_not_at_the_site_is_refused(crs, east_m, north_m, lies_at
     assert lies_at is None or lies_at in error.value.message
 
 
-@pytest.mark.parametrize("ground", ["ground_m = 0.0", 'dem = "dem.tif"'])
+@pytest.mark.parametrize("ground", [{"ground_m": 0.0}, {"dem": "dem.tif"}])
 def test_the_projections_scale_is_corrected_where_a_pixel_meets_the_ground(tmp_path, ground):
     """The middle of the frame, 45 degrees down from 10 m: 10 m ahead on the ground, 10.08 m on the grid."""
     write_dem(tmp_path / "dem.tif", np.zeros((120, 120)), crs=STRETCHED, west=-60.0, north=100.0)
-    view = ground_view(pose_of(pose_file(tmp_path, ABOVE + ground)), (121, 161))
+    view = ground_view(pose_of(tmp_path, ABOVE, pitch_deg=-45.0, **ground), (121, 161))
     assert view.points_m[60, 80] == pytest.approx([0.0, 10.08, 0.0], abs=2e-3)
     assert view.distances_m[60, 80] == pytest.approx(200.0**0.5, abs=2e-3)
     x, y, away = project(view.camera, [0.0, 10.08, 0.0])
@@ -272,8 +249,7 @@ def test_slopes_and_horizons_are_those_on_the_ground(tmp_path):
 
 def test_relief_rises_by_the_distance_on_the_ground(tmp_path):
     """Slopes of 45 degrees everywhere, towards north: each cell to the south is its side / 1.008 higher."""
-    nadir = ABOVE.replace("-45.0", "-90.0") + "ground_m = 0.0"
-    view = ground_view(pose_of(pose_file(tmp_path, nadir)), SHAPE, 0.1)
+    view = ground_view(pose_of(tmp_path, ABOVE, pitch_deg=-90.0, ground_m=0.0), SHAPE, 0.1)
     tilt, north = np.full(SHAPE, 45.0, np.float32), np.zeros(SHAPE, np.float32)
     heights, _ = view.relief(SlopeMap(tilt, north, north, north, north.astype(np.uint8)))
     rise = np.diff(heights, axis=0)
@@ -281,21 +257,14 @@ def test_relief_rises_by_the_distance_on_the_ground(tmp_path):
 
 
 def test_ground_behind_the_ridge_is_unknown(tmp_path, dem):
-    low = POSE.replace("112.0", "102.0").replace("-25.0", "-2.0") + 'dem = "dem.tif"'
-    view = ground_view(pose_of(pose_file(tmp_path, low)), SHAPE, 1.0)
+    view = ground_view(pose_of(tmp_path, height_m=102.0, pitch_deg=-2.0, dem="dem.tif"), SHAPE, 1.0)
     north = view.points_m[..., 1]
     assert np.nanmax(north[:, 60:100]) < 3936237.0
 
 
-def test_true_north_is_not_the_grids(tmp_path):
-    """Convergence of the UTM zone: (longitude - 141 E) sin(latitude), -0.94 degrees there."""
-    view = ground_view(pose_of(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE)
-    assert view.camera.yaw_deg - 10.0 == pytest.approx(0.94, abs=0.02)
-
-
 def test_slopes_on_level_ground_give_its_relief(tmp_path):
     """Slopes of a hump that is known in closed form, with azimuths from true north as a map has them."""
-    view = ground_view(pose_of(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE, 0.5)
+    view = ground_view(pose_of(tmp_path, ground_m=100.0), SHAPE, 0.5)
     centre = 354606.0, 3936222.0
 
     def hump(east, north):
@@ -318,48 +287,47 @@ def test_slopes_on_level_ground_give_its_relief(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("changes", "words"),
     [
-        (POSE, "either ground_m"),
-        (POSE.replace("hfov_deg = 50.0", "") + "ground_m = 0", "hfov_deg"),
-        (POSE.replace("EPSG:32654", "EPSG:1") + "ground_m = 0.0", "unknown coordinate reference system"),
-        (POSE.replace("EPSG:32654", "EPSG:4326") + "ground_m = 0.0", "not a projected system"),
-        (POSE.replace("32654", "32653") + 'dem = "dem.tif"', "gdalwarp"),
-        (POSE + 'dem = "none.tif"', "cannot read the DEM"),
-        (POSE.replace("3936200", "3836200") + 'dem = "dem.tif"', "dem.tif: no pixel"),
-        (POSE.replace("-25.0", "40.0") + "ground_m = 100.0", "level ground at"),
+        ({}, "either ground_m"),
+        ({"hfov_deg": None, "ground_m": 0}, "hfov_deg"),
+        ({"crs": "EPSG:1", "ground_m": 0.0}, "unknown coordinate reference system"),
+        ({"crs": "EPSG:4326", "ground_m": 0.0}, "not a projected system"),
+        ({"crs": "EPSG:32653", "dem": "dem.tif"}, "gdalwarp"),
+        ({"dem": "none.tif"}, "cannot read the DEM"),
+        ({"north_m": 3836200.0, "dem": "dem.tif"}, "dem.tif: no pixel"),
+        ({"pitch_deg": 40.0, "ground_m": 100.0}, "level ground at"),
     ],
 )
-def test_poses_that_lead_nowhere_say_why(tmp_path, dem, text, words):
+def test_poses_that_lead_nowhere_say_why(tmp_path, dem, changes, words):
     with pytest.raises((ConfigError, NoAnswerError)) as error:
-        ground_view(pose_of(pose_file(tmp_path, text)), SHAPE)
+        ground_view(pose_of(tmp_path, **changes), SHAPE)
     assert words in f"{error.value.message} {error.value.fix}"
 
 
-TURNED = POSE.replace("yaw_deg = 10.0\npitch_deg = -25.0\n", "") + "ground_m = 100.0\n"
+TURNED = {**LENS, **PLACE, "ground_m": 100.0}
 
 
 def test_a_pose_by_quaternion_is_the_same_as_by_angles(tmp_path):
     """Level to the east in ROS's optical frame, REP 103."""
-    text = TURNED + "quaternion = [-0.5, 0.5, -0.5, 0.5]\ndistortion = [-0.3, 0.1, 0.0, 0.0, 0.0]\n"
-    pose = pose_of(pose_file(tmp_path, text))
+    lens = [-0.3, 0.1, 0.0, 0.0, 0.0]
+    pose = pose_of(tmp_path, TURNED, quaternion=[-0.5, 0.5, -0.5, 0.5], distortion=lens)
     assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((90.0, 0.0, 0.0), abs=1e-9)
-    assert pose.camera(SHAPE, Grid()).distortion == (-0.3, 0.1, 0.0, 0.0, 0.0)
+    assert pose.camera(SHAPE, Grid()).distortion == tuple(lens)
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("changes", "words"),
     [
-        ("quaternion = [0.5, 0.5, 0.5]", "four numbers"),
-        ("quaternion = [0.0, 0.0, 0.0, 0.0]", "length is 0, not 1"),
-        ("quaternion = [nan, 0.0, 0.0, 1.0]", "length is nan"),
-        ("quaternion = [0.0, 0.0, 0.0, 1.0]\nroll_deg = 3.0", "both quaternion and roll_deg"),
-        ("yaw_deg = 1.0\npitch_deg = 0.0\ndistortion = [0.1]", "distortion"),
+        ({"quaternion": [0.5, 0.5, 0.5]}, "four numbers"),
+        ({"quaternion": [0.0, 0.0, 0.0, 0.5]}, "length is 0.5, not 1"),
+        ({"quaternion": [0.0, 0.0, 0.0, 1.0], "roll_deg": 3.0}, "both quaternion and roll_deg"),
+        ({"yaw_deg": 1.0, "pitch_deg": 0.0, "distortion": [0.1]}, "distortion"),
     ],
 )
-def test_a_wrong_quaternion_or_lens_is_named(tmp_path, line, words):
+def test_a_wrong_quaternion_or_lens_is_named(tmp_path, changes, words):
     with pytest.raises(ConfigError, match=words):
-        pose_of(pose_file(tmp_path, TURNED + line))
+        pose_of(tmp_path, TURNED, **changes)
 
 
 def test_a_map_of_a_camera_that_moved_is_not_put_on_the_ground():
@@ -367,12 +335,7 @@ def test_a_map_of_a_camera_that_moved_is_not_put_on_the_ground():
         MappedSession.on_ground(SimpleNamespace(has_moved=True, path=Path("a.h5")), None)
 
 
-STOPPED = """
-crs = "EPSG:32654"
-hfov_deg = 50.0
-range_m = 90.0
-ground_m = 100.0
-"""
+MOVING = {**LENS, "ground_m": 100.0}
 TUM = """# timestamp tx ty tz qx qy qz qw
 1451674800.0 354600.0 3936200.0 112.0 -0.5 0.5 -0.5 0.5
 1451674810.0 354610.0 3936220.0 112.0 0.0 0.70710678 -0.70710678 0.0
@@ -388,7 +351,7 @@ START_NS = 1_451_674_800_000_000_000
 def test_a_pose_of_a_trajectory_is_turned_evenly_between_its_poses(tmp_path, name, text):
     """A quarter of the way from a view to the east to one to the south."""
     (tmp_path / name).write_text(text)
-    pose = pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS + 2_500_000_000)
+    pose = pose_of(tmp_path, MOVING, START_NS + 2_500_000_000, trajectory=name)
     assert pose.position_m == pytest.approx((354602.5, 3936205.0, 112.0))
     assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((112.5, 0.0, 0.0), abs=1e-5)
 
@@ -410,16 +373,16 @@ def test_a_pose_of_a_trajectory_is_turned_evenly_between_its_poses(tmp_path, nam
 def test_a_wrong_trajectory_is_named_with_its_line(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=words):
-        pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS)
+        pose_of(tmp_path, MOVING, START_NS, trajectory=name)
 
 
 @pytest.mark.parametrize("off_ns", [-1_000_000_000, 11_000_000_000])
 def test_a_time_outside_the_trajectory_has_no_pose(tmp_path, off_ns):
     (tmp_path / "run.tum").write_text(TUM)
     with pytest.raises(ConfigError, match="2016-01-01T19:00:00Z to 2016-01-01T19:00:10Z"):
-        pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "run.tum"'), START_NS + off_ns)
+        pose_of(tmp_path, MOVING, START_NS + off_ns, trajectory="run.tum")
 
 
 def test_a_pose_is_given_once(tmp_path):
     with pytest.raises(ConfigError, match="trajectory and east_m"):
-        pose_of(pose_file(tmp_path, f'{STOPPED}east_m = 1.0\ntrajectory = "run.tum"'))
+        pose_of(tmp_path, MOVING, east_m=1.0, trajectory="run.tum")

@@ -37,25 +37,16 @@ def test_rows_that_meet_a_condition(condition, regions):
     "condition",
     [
         *("", "tilt", "tilt >", "tilt = 5", "tilt > 5; state", "True", "tilt > True", "tilt > None"),
-        *(
-            "tilz > 5",
-            "tilt > 'ten'",
-            "state > 5",
-            "tilt + 1 > 5",
-            "-tilt > 5",
-            "tilt is 5",
-            "tilt in (5, 6)",
-        ),
+        *("tilz > 5", "tilt > 'ten'", "state > 5", "tilt + 1 > 5", "-tilt > 5", "tilt is 5", "tilt > 1\0"),
         *("__import__('os').system('true') == 0", "tilt.real > 5", "tilt[0] > 5", "(lambda: 1)() == 1"),
+        "tilt in (5, 6)",
+        *("f'{tilt}' == 'a'", "[x for x in (1,)] == 1", "(tilt := 5) > 1", "'\\d' == 5", "tilt > 5j"),
         *(
-            "f'{tilt}' == 'a'",
-            "[x for x in (1,)] == 1",
-            "(tilt := 5) > 1",
-            "'\\d' == 5",
-            "tilt > 5j",
-            "tilt > 1\0",
+            "tilt in (5, 6)",
+            "(" * 600 + "tilt > 5" + ")" * 390,
+            "not " * 249 + "tilt",
+            "tilt > 5 or " * LONGEST,
         ),
-        *("(" * 600 + "tilt > 5" + ")" * 390, "not " * 249 + "tilt", "tilt > 5 or " * LONGEST),
     ],
 )
 def test_anything_else_is_refused_with_the_columns(condition):

@@ -14,8 +14,7 @@ from fieldkit.model.quantities import split_label, unit_of
 SPELLINGS = {
     "°C": (
         "C|c|ºC|° C|˚C|oC|*C|(*C)|'C|?C|℃|C°|degC|deg_C|deg C|Deg. C|degrees C|DEGREE C|Celsius|"
-        "°Celsius|"
-        "degrees celsius|Centigrade|Grad C|Â°C|\ufffdC|\u0421"
+        "°Celsius|degrees celsius|Centigrade|Grad C|Â°C|\ufffdC|\u0421"
     ),
     "°F": "F|°F|ºF|*F|deg F|℉|Fahrenheit",
     "K": "K|Kelvin|°K",
@@ -24,8 +23,7 @@ SPELLINGS = {
     "fc": "fc|Ft-cd|foot-candles|foot candles|lm/ft2",
     "W/m²": (
         "W/m2|W/m²|W/㎡|W m-2|W m⁻²|W·m⁻²|W⋅m-2|W.m-2|Wm-2|W m^-2|W m**-2|W/m^2|W/m**2|W m^{-2}|"
-        "$W/m^2$|Watts/m2|"
-        "watts per square meter|W per m2|W/sqm|W/qm|Wm2|w_m2|W/mÂ²"
+        "$W/m^2$|Watts/m2|watts per square meter|W per m2|W/sqm|W/qm|Wm2|w_m2|W/mÂ²"
     ),
     "kW/m²": "kW/m2|kW m⁻²|kW m-2",
     "mW/cm²": "mW/cm2|mW/cm^2|mW cm⁻²",
@@ -97,23 +95,20 @@ def test_a_unit_is_found_wherever_a_label_has_it(label, name, unit):
 COMPONENTS = {
     "dni": (
         "DNI|Direct Normal [W/m^2]|Direct NIP|Direct CHP1-1|Direct Normal (calc)|BNI|Gb(n)|"
-        "DIR [W/m**2]|direct_n|direct|"
-        "beam|direct_normal_irradiance|direct_normal_irradiance_instant|ALLSKY_SFC_SW_DNI|"
-        "short_direct_normal|"
-        "Direct Normal Radiation|I_dir_Avg|pyrheliometer"
+        "DIR [W/m**2]|direct_n|direct|beam|direct_normal_irradiance|direct_normal_irradiance_instant|"
+        "ALLSKY_SFC_SW_DNI|short_direct_normal|Direct Normal Radiation|I_dir_Avg|pyrheliometer"
     ),
     "ghi": (
         "GHI|Global Horizontal [W/m^2]|Global Horiz (platform)|Global CMP22 (vent/cor)|"
-        "Global PSP|G(h)|SWD [W/m**2]|"
-        "dw_solar|dw_psp|shortwave_radiation|shortwave_radiation_instant|SW_IN_1_1_1|SWDown|"
-        "Pyranometer SW down|"
+        "Global PSP|G(h)|SWD [W/m**2]|dw_solar|dw_psp|shortwave_radiation|shortwave_radiation_instant|"
+        "SW_IN_1_1_1|SWDown|Pyranometer SW down|"
         "ALLSKY_SFC_SW_DWN|down_short_hemisp|Global Horizontal Radiation|Globalstrahlung|"
         "ghi_w_m2|ghi_1min|全天日射量"
     ),
     "dhi": (
         "DHI|Diffuse CM22-1 (vent/cor)|Diffuse Horiz (band_corr)|Gd(h)|DIF [W/m**2]|diffuse|"
-        "diffuse_radiation|"
-        "ALLSKY_SFC_SW_DIFF|down_short_diffuse_hemisp|Diffuse Horizontal Radiation|SW_DIF|散乱日射量"
+        "diffuse_radiation|ALLSKY_SFC_SW_DIFF|down_short_diffuse_hemisp|Diffuse Horizontal Radiation|SW_DIF|"
+        "散乱日射量"
     ),
     "gti": "GTI|poa_global|POA|G(i)|global_tilted_irradiance|GtiFixedTilt|Plane of array",
     "longwave_down": (
@@ -124,12 +119,10 @@ COMPONENTS = {
     "longwave_up": "LWU|uw_ir|Upwelling IR PIR|longwave_up|LW_OUT|up_long_hemisp",
     "": (
         "sun|Solar Rad|pyranometer 2|Pyranometer D|direct_radiation|terrestrial_radiation|"
-        "Clear sky GHI|Clearsky GHI|"
-        "ghi_clear|dni_extra|TOA|BHI|uw_solar|SWU|SW_OUT|netsolar|NETRAD|poa_direct|"
-        "poa_sky_diffuse|Gb(i)|Gd(i)|Gr(i)|"
+        "Clear sky GHI|Clearsky GHI|ghi_clear|dni_extra|TOA|BHI|uw_solar|SWU|SW_OUT|netsolar|NETRAD|"
+        "poa_direct|poa_sky_diffuse|Gb(i)|Gd(i)|Gr(i)|"
         "ETR|CLRSKY_SFC_SW_DWN|Global 40-South LI-200|Global Normal|swd_std|swd_max|Global UVA|"
-        "Pyrgeometer|up_short_hemisp|"
-        "reflected shortwave|GHI no corr|Ghi90|Beam horizontal|High Solar Rad"
+        "Pyrgeometer|up_short_hemisp|reflected shortwave|GHI no corr|Ghi90|Beam horizontal|High Solar Rad"
     ),
 }
 

@@ -2,8 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
-from fieldkit.estimation.learned.hypotheses import UNKNOWNS, Proposal, effective, log_prior, normalise
+from fieldkit.estimation.learned.hypotheses import (
+    UNKNOWNS,
+    Proposal,
+    effective,
+    even_points,
+    log_prior,
+    normalise,
+)
 
 CENTRE = np.array([2.0, -1.0, 0.5, -3.0, 1.5])
 TURNED = np.linalg.qr(np.random.default_rng(1).standard_normal((UNKNOWNS, UNKNOWNS)))[0]
@@ -33,3 +41,11 @@ def test_a_flat_posterior_is_the_prior():
     found = Proposal.fit(points, log_prior(points))
     assert np.abs(found.centre).max() < 0.2
     assert found.root @ found.root.T == pytest.approx(1.44 * np.eye(UNKNOWNS), abs=0.4)
+
+
+@pytest.mark.parametrize(
+    ("table", "dimensions", "seed", "count"), [("sobol-5", 5, 20170830, 256), ("sobol-2", 2, 1, 32)]
+)
+def test_packaged_points_are_those_of_scipys_sobol_sequences_bit_for_bit(table, dimensions, seed, count):
+    expected = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(seed)).random(count)
+    np.testing.assert_array_equal(even_points(table), expected)

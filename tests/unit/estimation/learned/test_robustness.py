@@ -11,7 +11,6 @@ from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, regions
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import CERTAIN, TARGET_HALF_WIDTH_DEG, SlopeState, is_too_wide
 from tests.harness.drawn import drawn_world
 
@@ -156,19 +155,6 @@ def test_no_reference_no_target_one_target():
     assert last(bare, [bed], drawn.settings).slopes[0].reason.startswith("no reference")
     assert last(alone, [flat], drawn.settings).slopes == ()
     assert_has_slopes(last(drawn.history.only(np.arange(2)), [flat, bed], drawn.settings))
-
-
-def test_a_known_bed_as_second_reference_narrows_the_others():
-    drawn = world(20)
-    told = [replace(bed, kind=RegionKind.REFERENCE) if i == 1 else bed for i, bed in enumerate(drawn.regions)]
-    widths = {}
-    for name, beds in (("one", drawn.regions), ("two", told)):
-        found = SlopeChain(beds, drawn.settings).at_once(drawn.history)
-        assert_has_slopes(found)
-        widths[name] = {one.region: one.tilt_high_deg - one.tilt_low_deg for one in found.slopes}
-    assert widths["two"].keys() == {"bed1", "bed2"}
-    for bed, width in widths["two"].items():
-        assert width < widths["one"][bed]
 
 
 @pytest.mark.parametrize("azimuth", AZIMUTHS)

@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from fieldkit.estimation.learned.prior_state import DRYING_MINUTES, DRYING_W_M2
 from fieldkit.estimation.learned.unusual import USUAL, USUAL_DRYING_W_M2, with_usual_beds
 from tests.unit.estimation.learned.test_truth import filtered
 
 MINUTES = 25
-
-
-def bell(x, sd):
-    return np.exp(-0.5 * (x / sd) ** 2) / sd
 
 
 @pytest.mark.parametrize("drying_w_m2", [0.0, -15.0, -100.0])
@@ -26,7 +23,7 @@ def test_the_mixture_of_both_priors_has_the_moments_and_the_evidence_of_weighted
     both = [place, gain]
     random, spread = np.random.default_rng(5), filters.covariance[0][np.ix_(both, both)]
     samples = random.multivariate_normal(filters.mean[0, both], spread, 400_000)
-    narrow, wide = (bell(samples[:, 0], sd * faded) for sd in (USUAL_DRYING_W_M2, DRYING_W_M2))
+    narrow, wide = (norm.pdf(samples[:, 0] / faded, scale=sd) for sd in (USUAL_DRYING_W_M2, DRYING_W_M2))
     weights = USUAL * narrow / wide + 1.0 - USUAL
     shares = weights / weights.sum()
     mean = shares @ samples
