@@ -122,7 +122,7 @@ def kelvin(
 
     Examples
     --------
-    >>> session.kelvin(0, 2).shape
+    >>> session["camera"].kelvin(0, 2).shape
     (2, 120, 160)
     """
     info = camera_of(session, stream)
@@ -173,7 +173,7 @@ def region_series(
 
     Examples
     --------
-    >>> series = session.region_series()
+    >>> series = session["camera"].region_series()
     >>> series.mean_k.shape
     (60, 4)
     """
@@ -327,7 +327,7 @@ def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
 
     Examples
     --------
-    >>> table = session.to_pandas("thermometer")
+    >>> table = session["thermometer"].to_pandas()
     >>> table.columns.tolist()[:2], len(table)
     (['T1 [K]', 'T2 [K]'], 1201)
     """
@@ -346,7 +346,7 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> session.to_xarray("lux")["illuminance"].sizes["time"]
+    >>> session["lux"].to_xarray()["illuminance"].sizes["time"]
     1200
     """
     import xarray as xr

@@ -32,7 +32,7 @@ IMAGES = tuple(f"fault-{name}.svg" for name in SETTINGS)
 def as_recorded(session: Session) -> str:
     """How each region differs from its first minutes, and the light, as SVG text."""
     figure, (above, below) = plotting.panels(2, 3.4)
-    series = session.region_series()
+    series = session["camera"].region_series()
     change_k = series.mean_k - np.nanmean(series.mean_k[:FIRST_FRAMES], axis=0)
     dots = {"linestyle": "none", "markersize": 2.0}
     for index, (region, values) in enumerate(zip(series.regions, change_k.T, strict=True)):

@@ -48,7 +48,7 @@ def draw_frame(axes: Axes, session: fieldkit.Session, at_ns: int) -> None:
     """The thermal frame, its regions, and what each was found to be."""
     from matplotlib.patches import Polygon
 
-    celsius = session.kelvin(FRAME, FRAME + 1)[0] - CELSIUS_ZERO_K
+    celsius = session["camera"].kelvin(FRAME, FRAME + 1)[0] - CELSIUS_ZERO_K
     image = axes.imshow(celsius, cmap="inferno", interpolation="none", vmin=np.percentile(celsius, 1.0))
     for region in session.regions:
         axes.add_patch(Polygon(region.points_px, fill=False, edgecolor="#00D7D7", linewidth=1.6))

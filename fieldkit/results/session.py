@@ -111,7 +111,7 @@ class Stream:
         calibration: Calibration | None = None,
         damaged: Literal["raise", "nan"] = "raise",
     ) -> FloatArray:
-        """Brightness temperature of frames, (n, rows, cols); see `Session.kelvin`."""
+        """Brightness temperature of frames, (n, rows, cols); see `fieldkit.sessions.analysis.kelvin`."""
         return analysis.kelvin(
             self._session, start, stop, stream=self.name, calibration=calibration, damaged=damaged
         )
@@ -119,7 +119,7 @@ class Stream:
     def region_series(
         self, regions: Sequence[Region] | None = None, *, calibration: Calibration | None = None
     ) -> RegionSeries:
-        """Brightness temperature of regions over time; see `Session.region_series`."""
+        """Brightness temperature of regions over time; see `fieldkit.sessions.analysis.region_series`."""
         return analysis.region_series(self._session, regions, stream=self.name, calibration=calibration)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -134,11 +134,11 @@ class Stream:
         return plots.lines(readings.time_ns, values, quantity, self._session.site, ax)
 
     def to_pandas(self) -> pd.DataFrame:
-        """The samples as a table by UTC; see `Session.to_pandas`."""
+        """The samples as a table by UTC; see `fieldkit.sessions.analysis.to_pandas`."""
         return analysis.to_pandas(self._session, self.name)
 
     def to_xarray(self) -> xr.Dataset:
-        """The samples as a lazy xarray dataset; see `Session.to_xarray`."""
+        """The samples as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
         return analysis.to_xarray(self._session, self.name)
 
 
@@ -158,11 +158,11 @@ class Session(SessionReader):
     (1, 120, 160)
     >>> session["camera"][0].counts.shape, session["lux"][-1].seq, len(session["thermometer"][:5])
     ((120, 160), 1199, 5)
-    >>> session.to_pandas("lux").columns.tolist()
+    >>> session["lux"].to_pandas().columns.tolist()
     ['illuminance [lx]', 'seq', 'flags', 'mono_ns']
-    >>> dict(session.to_xarray("camera").sizes)
+    >>> dict(session["camera"].to_xarray().sizes)
     {'time': 60, 'y': 120, 'x': 160, 'metadata_row': 2}
-    >>> session.region_series().mean_k.shape
+    >>> session["camera"].region_series().mean_k.shape
     (60, 4)
     >>> session.readings("lux").values.shape, session.raw("camera").dtype
     ((1200, 1), dtype('uint16'))
@@ -220,36 +220,6 @@ class Session(SessionReader):
     def __getitem__(self, stream: str) -> Stream:
         """One stream; raises `SessionError` where there is none of that name."""
         return Stream(self, self.stream(stream).info)
-
-    def kelvin(
-        self,
-        start: int = 0,
-        stop: int | None = None,
-        *,
-        stream: str | None = None,
-        calibration: Calibration | None = None,
-        damaged: Literal["raise", "nan"] = "raise",
-    ) -> FloatArray:
-        """Brightness temperature of a camera's frames; see `fieldkit.sessions.analysis.kelvin`."""
-        return analysis.kelvin(self, start, stop, stream=stream, calibration=calibration, damaged=damaged)
-
-    def region_series(
-        self,
-        regions: Sequence[Region] | None = None,
-        *,
-        stream: str | None = None,
-        calibration: Calibration | None = None,
-    ) -> RegionSeries:
-        """Brightness temperature of regions over time; see `fieldkit.sessions.analysis.region_series`."""
-        return analysis.region_series(self, regions, stream=stream, calibration=calibration)
-
-    def to_pandas(self, stream: str) -> pd.DataFrame:
-        """A stream as a table by UTC; see `fieldkit.sessions.analysis.to_pandas`."""
-        return analysis.to_pandas(self, stream)
-
-    def to_xarray(self, stream: str) -> xr.Dataset:
-        """A stream as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
-        return analysis.to_xarray(self, stream)
 
     def estimate(
         self,

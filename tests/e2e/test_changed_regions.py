@@ -196,7 +196,7 @@ def test_a_region_that_shares_pixels_is_refused_and_nothing_changes(recorded):
 
 def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded):
     with fieldkit.open_session(recorded.session) as session:
-        series = session.region_series()
+        series = session["camera"].region_series()
         minute = (series.time_ns // 60_000_000_000) - (session.start_ns // 60_000_000_000)
         known = dict(zip(series.regions, np.isfinite(series.mean_k).T, strict=True))
         assert (known["upper"] == (minute >= 7)).all()

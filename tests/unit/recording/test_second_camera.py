@@ -66,7 +66,7 @@ def test_an_uncertain_offset_between_cameras_widens_a_slope_unless_its_own_has_a
 
 
 def test_series_map_and_report_show_a_region_in_its_own_cameras_frames(session):
-    names = {stream: session.region_series(stream=stream).regions for stream in ("camera", "second")}
+    names = {stream: session[stream].region_series().regions for stream in ("camera", "second")}
     assert names == {"camera": ("flat", "b05"), "second": ("b15", "b25")}
     assert [region.name for region in session.slope_map(window="all").regions] == ["flat", "b05"]
     assert session.report().path.exists()

@@ -33,7 +33,7 @@ def test_flir_files_keep_their_law(tmp_path):
         counts = session.raw("camera")[0]
         assert (counts.min(), counts.max()) == (17899, 19192)
         assert session.streams["camera"].law == "planck"
-        kelvin = session.kelvin()
+        kelvin = session["camera"].kelvin()
         assert 290.0 < kelvin.min() < kelvin.max() < 310.0
 
 
@@ -60,7 +60,7 @@ def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path):
         assert info.settings["r1"] == pytest.approx(FFF_CONSTANTS[0x58])
         # T = B / ln(R1 / (R2 (S + O)) + F), Minkina & Dudzik, for the path is of no length
         law = 1420.1 / np.log(16125.788 / (0.0109034 * (18_000 - 5588)) + 1.0)
-        assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
+        assert session["camera"].kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
 
 
 def test_radiometric_jpeg_is_one_frame_of_the_same(tmp_path):

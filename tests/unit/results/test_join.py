@@ -73,7 +73,9 @@ def test_what_two_recorders_took_is_as_if_one_had(whole, tmp_path, first, second
         for name, new in names.items():
             np.testing.assert_allclose(joined.times_ns(new), whole.times_ns(name), rtol=0, atol=2e9)
         assert [region.name for region in joined.regions] == [region.name for region in whole.regions]
-        np.testing.assert_allclose(joined.region_series().mean_k, whole.region_series().mean_k, atol=0.01)
+        np.testing.assert_allclose(
+            joined["camera"].region_series().mean_k, whole["camera"].region_series().mean_k, atol=0.01
+        )
         assert slopes_of(joined) == pytest.approx(slopes_of(whole), abs=0.05)
         assert "rain" in [mark.text for mark in joined.marks().values()]
         assert any(str(finding.text).count("clock offset") for finding in fieldkit.check(joined).findings)
@@ -89,7 +91,7 @@ def test_equal_names_get_numbers_and_regions_stay_in_their_camera(whole, tmp_pat
             ("flat-2", "b05-2", "b15-2", "b25-2"), "camera-2"
         )
         assert joined.marks()[3].data["shade_test"] == "b15-2"
-        first, second = (joined.region_series(stream=name) for name in ("camera", "camera-2"))
+        first, second = (joined[name].region_series() for name in ("camera", "camera-2"))
         np.testing.assert_array_equal(first.mean_k, second.mean_k)
         slopes = slopes_of(joined)
         assert slopes["b25-2"] == pytest.approx(slopes["b25"], abs=0.05)

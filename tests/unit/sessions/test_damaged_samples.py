@@ -127,10 +127,10 @@ def test_a_whole_session_has_no_damaged_sample(damaged):
 def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged):
     with damaged(spoil("camera/counts", 1)) as session:
         with pytest.raises(IntegrityError, match="frame 9") as caught:
-            session.kelvin()
+            session["camera"].kelvin()
         assert Argument("damaged", "nan") in steps(caught.value)
-        kelvin = session.kelvin(damaged="nan")
-        assert session.kelvin(0, DEPTH).shape == (DEPTH, 24, 32)
+        kelvin = session["camera"].kelvin(damaged="nan")
+        assert session["camera"].kelvin(0, DEPTH).shape == (DEPTH, 24, 32)
     bad = np.isnan(kelvin).all(axis=(1, 2))
     assert np.flatnonzero(bad).tolist() == list(range(DEPTH, 2 * DEPTH))
     assert np.isfinite(kelvin[~bad]).all()
@@ -139,9 +139,9 @@ def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged):
 @pytest.mark.parametrize("block", [0, 3])
 def test_a_region_goes_on_behind_an_unreadable_chunk(damaged, block):
     with damaged() as session:
-        whole = session.region_series()
+        whole = session["camera"].region_series()
     with damaged(spoil("camera/counts", block)) as session:
-        series = session.region_series()
+        series = session["camera"].region_series()
     lost = np.arange(FRAMES) // DEPTH == block
     assert ((series.flags & BAD) != 0).tolist() == lost.tolist()
     assert np.isnan(series.mean_k[lost]).all()
@@ -155,15 +155,15 @@ def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(damaged,
         assert session.columns_are_sealed("camera")
     with damaged(flip(f"camera/{column}", 5, 4)) as session:
         assert not session.columns_are_sealed("camera")
-        series = session.region_series()
+        series = session["camera"].region_series()
     assert np.flatnonzero(series.flags & BAD).tolist() == [5]
 
 
 def test_tables_of_pandas_and_xarray_have_the_flag(damaged):
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
-        assert np.flatnonzero(session.to_pandas("lux")["flags"] & BAD).tolist() == [1]
-        assert (session.to_pandas("camera")["flags"] & BAD).astype(bool).sum() == DEPTH
-        lux, camera = session.to_xarray("lux"), session.to_xarray("camera")
+        assert np.flatnonzero(session["lux"].to_pandas()["flags"] & BAD).tolist() == [1]
+        assert (session["camera"].to_pandas()["flags"] & BAD).astype(bool).sum() == DEPTH
+        lux, camera = session["lux"].to_xarray(), session["camera"].to_xarray()
     with lux, camera:  # read when the session has long been closed
         assert np.flatnonzero(lux["flags"].values & BAD).tolist() == [1]
         assert (camera["flags"][DEPTH - 1 : DEPTH + 2].values & BAD).tolist() == [0, BAD, BAD]
@@ -202,7 +202,7 @@ def test_pictures_are_written_without_the_damaged_ones(damaged, tmp_path):
 def test_netcdf_has_the_flag_and_the_fill_value(damaged, tmp_path):
     with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
         export_netcdf(session, tmp_path)
-        kelvin = session.kelvin(damaged="nan")
+        kelvin = session["camera"].kelvin(damaged="nan")
     with xr.open_dataset(tmp_path / "field.nc", group="camera", engine="h5netcdf") as camera:
         lost = (camera["flags"].values & BAD) != 0
         assert np.flatnonzero(lost).tolist() == list(range(DEPTH, 2 * DEPTH))
@@ -244,16 +244,16 @@ def spoil_group(name: str) -> Callable[[Path], None]:
 
 def test_a_damaged_seal_takes_nothing_from_the_samples(damaged):
     with damaged() as session:
-        whole = session.region_series()
+        whole = session["camera"].region_series()
     with damaged(spoil_group("integrity")) as session:
         assert not session.columns_are_sealed("camera")
-        assert np.array_equal(session.region_series().mean_k, whole.mean_k)
+        assert np.array_equal(session["camera"].region_series().mean_k, whole.mean_k)
 
 
 @pytest.mark.parametrize("name", ["regions", "camera", "lux"])
 def test_a_damaged_group_is_explained(damaged, name):
     with pytest.raises(SessionError, match="is damaged"), damaged(spoil_group(name)) as session:
-        session.region_series()
+        session["camera"].region_series()
 
 
 def test_values_leave_a_session_only_with_their_verified_flags():

@@ -33,7 +33,7 @@ def in_memory(path):
 def test_a_file_object_gives_the_same_samples_and_slopes(path, in_memory, tmp_path):
     with fieldkit.open_session(path) as session, fieldkit.open_session(in_memory) as remote:
         assert (remote.state, remote.name) == ("sealed", "field")
-        assert np.array_equal(remote.kelvin(0, 3), session.kelvin(0, 3))
+        assert np.array_equal(remote["camera"].kelvin(0, 3), session["camera"].kelvin(0, 3))
         assert remote.estimate(model="full").rows.tobytes() == session.estimate(model="full").rows.tobytes()
         (lux,) = (file for file in remote.export("csv", tmp_path).files if file.stem.endswith("lux"))
         assert lux.exists()

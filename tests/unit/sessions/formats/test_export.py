@@ -77,7 +77,7 @@ def two_cameras(tmp_path_factory):
 
 
 def test_region_series_is_mean_and_spread_of_its_pixels(session):
-    series = session.region_series()
+    series = session["camera"].region_series()
     assert series.regions == ("flat", "b05")
     mask = HEADER.regions[0].mask((24, 32))
     expected = np.array([picture(n, (24, 32))[mask] * 0.01 for n in range(FRAMES)])
@@ -89,32 +89,32 @@ def test_region_series_is_mean_and_spread_of_its_pixels(session):
 
 
 def test_another_calibration_may_be_chosen(session):
-    doubled = session.kelvin(0, 2, calibration=lambda counts: counts * 0.02)
-    assert doubled == pytest.approx(2 * session.kelvin(0, 2), abs=1e-9)
+    doubled = session["camera"].kelvin(0, 2, calibration=lambda counts: counts * 0.02)
+    assert doubled == pytest.approx(2 * session["camera"].kelvin(0, 2), abs=1e-9)
     assert np.array_equal(session.raw("camera")[3], picture(3, (24, 32)))
 
 
 def test_region_outside_the_picture_and_meters_are_refused(session):
     outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
     with pytest.raises(SessionError, match="far"):
-        session.region_series([outside])
+        session["camera"].region_series([outside])
     with pytest.raises(SessionError, match="lux"):
         session.raw("lux")
     with pytest.raises(SessionError, match="sonar"):
-        session.to_pandas("sonar")
+        session["sonar"].to_pandas()
 
 
 def test_pandas_has_units_in_its_columns(session):
-    table = session.to_pandas("thermometer")
+    table = session["thermometer"].to_pandas()
     assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
     assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
     assert str(table.index.tz) == "UTC"
-    assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
+    assert list(session["lux"].to_pandas().columns[:1]) == ["illuminance [lx]"]
 
 
 def test_meter_without_a_reading_is_an_empty_table(tmp_path):
     with sealed_session(tmp_path / "a.h5") as session:
-        table = session.to_pandas("thermometer")
+        table = session["thermometer"].to_pandas()
     assert (len(table), list(table.columns[:2])) == (0, ["T1 [K]", "T2 [K]"])
 
 
@@ -126,10 +126,10 @@ def test_tables_are_tidy_and_come_back(session, tmp_path, kind):
     regions = read(paths["camera-regions"])
     assert len(regions) == 2 * FRAMES
     flat = regions[regions["region"] == "flat"]["temperature [K]"].to_numpy()
-    assert flat == pytest.approx(session.region_series().mean_k[:, 0], abs=1e-9)
+    assert flat == pytest.approx(session["camera"].region_series().mean_k[:, 0], abs=1e-9)
     spread = regions[regions["region"] == "flat"]["spread [K]"].to_numpy()
     inside = session.regions[0].mask((24, 32))
-    assert spread == pytest.approx(session.kelvin()[:, inside].std(axis=1), abs=1e-9)
+    assert spread == pytest.approx(session["camera"].kelvin()[:, inside].std(axis=1), abs=1e-9)
     assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
 
 
@@ -250,7 +250,7 @@ def test_frames_as_tables_come_back_through_import(session, folder):
     (info,), frames = imported.streams, list(imported.samples)
     assert len(paths) == len(frames) == session.count("camera")
     kelvin = np.array([frame_k(info, frame.counts, frame.metadata_rows) for frame in frames])
-    assert kelvin == pytest.approx(session.kelvin(), abs=0.0051, nan_ok=True)
+    assert kelvin == pytest.approx(session["camera"].kelvin(), abs=0.0051, nan_ok=True)
     with pytest.raises(ConfigError, check=at(paths[0], Argument("unit", "C"))):
         read_stills(folder, None, times=times)
 
@@ -266,7 +266,7 @@ def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(tmp_path, folder
     hot.counts[3, 4] = 65_535
     with sealed_session(tmp_path / "a.h5", sample(info, 0), hot, streams=(info,)) as session:
         export_tiffs(session, folder)
-        expected = session.kelvin()
+        expected = session["camera"].kelvin()
     imported = read_stills(folder, None)
     kelvin = np.array([frame.counts for frame in imported.samples]) * imported.streams[0].scale
     assert imported.streams[0].scale == step
@@ -326,7 +326,7 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path):
     bed = Region("bed", RegionKind.TARGET, corners)
     with sealed_session(tmp_path / "a.h5", *frames, streams=(info,), regions=(bed,)) as session:
         expected = [ht301(frame.counts, frame.metadata_rows, {}).mean() for frame in frames]
-        series, kelvin = session.region_series(), session.kelvin()
+        series, kelvin = session["camera"].region_series(), session["camera"].kelvin()
         paths = export_tiffs(session, tmp_path)[:-1]
     assert 280.0 < min(expected) < max(expected) < 310.0
     assert np.ptp(expected) > 5.0
@@ -454,7 +454,7 @@ def test_a_netcdf_file_holds_streams_and_tables_under_their_names(session, tmp_p
         assert set(tree.children) == {*session.streams, *session.tables}
         kelvin = tree["camera"]["brightness_temperature"]
         assert kelvin.sizes == {"time": FRAMES, "y": 24, "x": 32}
-        assert kelvin.values == pytest.approx(session.kelvin(), abs=1e-9)
+        assert kelvin.values == pytest.approx(session["camera"].kelvin(), abs=1e-9)
         assert tree["lux"]["illuminance"].values.tolist() == session.readings("lux").values[:, 0].tolist()
         for name in ("camera", "lux"):  # to the nanosecond
             assert tree[name]["time"].values.astype(np.int64).tolist() == session.times_ns(name).tolist()
@@ -475,7 +475,7 @@ def test_netcdf_of_a_camera_of_another_law_has_kelvin(tmp_path):
             assert "counts" not in camera
             assert camera["brightness_temperature"].dims == ("time", "y", "x")
             assert camera["brightness_temperature"].values == pytest.approx(
-                session.kelvin(), abs=1e-4, nan_ok=True
+                session["camera"].kelvin(), abs=1e-4, nan_ok=True
             )
 
 
@@ -531,7 +531,7 @@ def test_numbers_of_another_file_never_come_along(sealed, tmp_path, lead_out):
         with pytest.raises(SessionError, match=r"lux/humidity|points somewhere else"):
             export_netcdf(session, out)
         with pytest.raises(SessionError):
-            session.to_xarray("lux")
+            session["lux"].to_xarray()
         export_csv(session, out)
     written = b"".join(path.read_bytes() for path in out.iterdir())
     assert np.float64(SECRET).tobytes() not in written
