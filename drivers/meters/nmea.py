@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, date, datetime, time
 from functools import reduce
 from operator import xor
 from typing import Any
 
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value
 from fieldkit.drivers.framing import Line, Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Probe, SerialDriver, baud, open_port
@@ -136,14 +136,7 @@ class Nmea(SerialDriver):
     quantity = "position"
     options: tuple[str, ...] = (*meter.OPTIONS, "baud")
     probes: Sequence[Probe] = (Probe(LINE),)
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""
-        if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:]:
-            return decode_records(data, LAYOUT)
-        decoded = decode_records(data + b"\n", LAYOUT)
-        ends = (part._replace(length=min(part.length, len(data) - part.offset)) for part in decoded.rejected)
-        return replace(decoded, rejected=tuple(part for part in ends if part.length))
+    layout = LAYOUT
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""

@@ -135,7 +135,6 @@ def _map(
         files = session_map.write(base, **outputs)
     for note in session_map.notes:
         common.say(note)
-    _say_earlier(base, files)
     if not common.print_if_json(_document(path, session_map, files), on_one_line=on_one_line):
         _print_map(session_map, files)
     if (damage := session_map.damage) is not None:
@@ -153,8 +152,6 @@ def _map_many(
         maps, failures = make(bases, on_progress=on_progress)
     for note in dict.fromkeys(note for session_map, _ in maps.values() for note in session_map.notes):
         common.say(note)
-    for path, (_, files) in maps.items():
-        _say_earlier(bases[path], files)
     page = None
     if maps:
         folder = out or results_folder(next(iter(bases)))
@@ -169,14 +166,6 @@ def _map_many(
         if page:
             click.echo(f"all maps: {page}")
     batch.raise_failures(failures, bases)
-
-
-def _say_earlier(base: Path, files: Sequence[Path]) -> None:
-    """Name the files of an earlier map that stand beside the new ones."""
-    from fieldkit.results.slope_map import earlier_files
-
-    if earlier := earlier_files(base, files):
-        common.say(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
 
 
 def _bases(

@@ -98,7 +98,7 @@ def await_begin(
     preview = LivePreview(prepared.config, prepared.instruments, [*views, ring, triggers])
 
     def is_due() -> bool:
-        return triggers.started is not None if prepared.on_trigger else prepared.begins_in_s() <= 0.0
+        return triggers.started is not None if prepared.options.on_trigger else prepared.begins_in_s() <= 0.0
 
     with SessionLock(prepared.path.parent, WAITING_NAME):
         readers = preview.run(None, lambda: stopping.is_set() or is_due(), keeps=is_due)
@@ -107,7 +107,7 @@ def await_begin(
     samples = ring.since(triggers.since_ns) if triggers.started else []
     start_ns = samples[0].mono_ns if samples else clock.mono_ns()
     included = Included(start_ns, chain(samples, preview.left_samples()), readers)
-    path = session_path(prepared.config, prepared.name, clock.to_utc_ns(start_ns))
+    path = session_path(prepared.config, prepared.options.name, clock.to_utc_ns(start_ns))
     return replace(prepared, included=included, path=path)
 
 

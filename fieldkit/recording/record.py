@@ -163,13 +163,11 @@ class PreparedRecording:
     config: Config
     instruments: Instruments
     path: Path
-    name: str = ""
+    options: RecordOptions = field(default_factory=RecordOptions)
     duration_s: float | None = None
     begins_ns: int | None = None
     included: Included | None = None
-    split: str = ""
     triggers: Triggers = field(default_factory=Triggers)
-    on_trigger: bool = False
     fail_safe: FailSafe | None = None
 
     def own_views(self) -> Iterator[View]:
@@ -195,7 +193,7 @@ class PreparedRecording:
 
     def starting_now(self) -> PreparedRecording:
         """The same recording, its path named after the present time: call after waiting for the user."""
-        return replace(self, path=session_path(self.config, self.name, self.instruments.utc_ns()))
+        return replace(self, path=session_path(self.config, self.options.name, self.instruments.utc_ns()))
 
     def run(
         self, views: Sequence[View] = (), *, stopping: threading.Event | None = None, command_line: str = ""
@@ -267,7 +265,7 @@ class _Series:
         config, instruments = prepared.config, prepared.instruments
         self._prepared, self._stopping, self._end_ns = prepared, stopping, end_ns
         self._views = (*views, *prepared.own_views())
-        self._header = header_of(config, prepared.name, instruments.streams, command_line)
+        self._header = header_of(config, prepared.options.name, instruments.streams, command_line)
         self._alarms = alarm_watch(config, instruments.streams)
         self._redrawing = Redrawing(config.regions, camera_views(config, instruments.streams), config.site)
 
@@ -278,7 +276,7 @@ class _Series:
         prepared = self._prepared
         prepared.instruments.clock.take_anchor()
         time_ns = prepared.instruments.clock.to_utc_ns(start_ns)
-        path = session_path(prepared.config, prepared.name, time_ns)
+        path = session_path(prepared.config, prepared.options.name, time_ns)
         following = self.begin(path, start_ns, previous=session.recorder)
         following.recorder.carry_out(session.requests.close())
         for view in session.followers:  # whose readers look for the session that is recorded
@@ -325,10 +323,11 @@ class _Series:
 
     def _split_ns(self, mono_ns: int) -> int | None:
         """When the next session takes over from one that records now (monotonic); None if none does."""
-        clock, site = self._prepared.instruments.clock, self._prepared.config.site
+        clock, config = self._prepared.instruments.clock, self._prepared.config
         utc_ns = clock.to_utc_ns(mono_ns)
-        now = formatting.local_time(utc_ns, site)
-        waits_ns = [ns_until(moment, now) for moment in times_of_day(self._prepared.split)]
+        now = formatting.local_time(utc_ns, config.site)
+        split = self._prepared.options.split or config.tables.record.split
+        waits_ns = [ns_until(moment, now) for moment in times_of_day(split)]
         if not waits_ns:
             return None
         seconds = round((utc_ns + min(waits_ns)) / SECOND_NS)  # local times have microseconds
@@ -388,13 +387,12 @@ def prepare(
         start_ns = now_ns + wait_ns if included is None else included.start_ns
         path = session_path(config, options.name, instruments.clock.to_utc_ns(start_ns))
         begins_ns = None if options.at is None else now_ns + wait_ns
-        split = options.split or config.tables.record.split
         triggers = triggers_of(config, instruments.streams, notify)
         if options.on_trigger:
             _check_start(triggers, instruments.streams, notify)
         yield PreparedRecording(
-            config, instruments, path, options.name, duration_s, begins_ns, included, split,
-            triggers, options.on_trigger, _fail_safe(config, opened),
+            config, instruments, path, options, duration_s, begins_ns, included, triggers,
+            _fail_safe(config, opened),
         )  # fmt: skip
 
 

@@ -263,7 +263,7 @@ class MappedSession:
         the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
         configured, they (or slope and heading) are also written on the ground, in cells of `cell_m`:
         ``BASE.tif``, ``BASE.mcap``. `notify` receives how the grid is corrected, or why a
-        configured pose does not put the map on it.
+        configured pose does not put the map on it, and which files of an earlier map stand beside it.
 
         Raises `StorageError` if a file cannot be written, `NoAnswerError` if a product cannot be made,
         `ConfigError` if a pose that is given does not fit.
@@ -280,6 +280,8 @@ class MappedSession:
             if view is not None:
                 notify(f"the grid of {view.crs} is corrected: {view.grid}")
                 files += write_on_ground(base, view, layers, self.slopes, self.end_ns)
+        if earlier := _earlier_files(base, files):
+            notify(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
         return files
 
     def _configured_view(self, cell_m: float | None, notify: Callable[[str], None]) -> GroundView | None:
@@ -427,7 +429,7 @@ def variant(window: Window, overrides: Sequence[str] = ()) -> str:
     return "".join("-" + re.sub(r"[^\w.-]+", "_", part) for part in parts)
 
 
-def earlier_files(base: Path, new_files: Sequence[Path]) -> list[Path]:
+def _earlier_files(base: Path, new_files: Sequence[Path]) -> list[Path]:
     """Files of an earlier map under a base that the new files have not replaced."""
     endings = (*ON_GROUND, *(f"-{name}.png" for name in LAYERS))
     files = [base.with_name(base.name + ending) for ending in endings]

@@ -37,9 +37,3 @@ def test_half_a_sentence_and_a_date_that_no_session_can_hold_are_rejected_alone(
         decoded = Nmea().decode(broken + GGA, {})
         assert [rejected.length for rejected in decoded.rejected] == [len(broken)]
         assert len(decoded.values) == 5
-
-
-@pytest.mark.parametrize("cut", [b"*", b"*7", b"$GPRMC*00", b"$GPGGA,1*"])
-def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
-    given = Nmea().decode(cut, {})
-    assert (sum(rejected.length for rejected in given.rejected), given.rest) == (len(cut), 0)
