@@ -1,4 +1,4 @@
-"""Light commands in fresh processes, beside importing click; ``--help`` also beside importing every command.
+"""Light commands in fresh processes, beside importing click.
 
 Those beside a recording work on a simulated one in a process of its own.
 """
@@ -14,21 +14,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import python_process, share, times_as_fast
+from benchmarks.sides import python_process, share
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status_request import recorder_status
 
 ROUNDS = 15
 BARE = "import click"
-LAZY = "from fieldkit.cli import main; main(['--help'], prog_name='fieldkit')"
-EAGER = (
-    "from fieldkit.cli import main\n"
-    "[main.get_command(None, name) for name in main.list_commands(None)]\n"
-    "main(['--help'], prog_name='fieldkit')"
-)
+HELP = "from fieldkit.cli import main; main(['--help'], prog_name='fieldkit')"
 PROCESS = "CPU of a fresh process, interpreter included"
 OVER_CLICK = Row("help", "`fieldkit --help` over `python -c 'import click'`", "<= 1.3", included=PROCESS)
-OVER_LAZY = Row("lazy", "importing every command over `fieldkit --help`", ">= 3", included=PROCESS)
 
 
 def _light(command: str, included: str = PROCESS) -> Row:
@@ -43,17 +37,14 @@ STOP = _light("stop", f"{PROCESS}, until the recording is sealed; measured once 
 
 def run() -> list[Result]:
     """Fresh processes, taken in turn."""
-    return [*_help(), *_beside_a_recording()]
+    return [_help(), *_beside_a_recording()]
 
 
-def _help() -> list[Result]:
-    for code in (BARE, LAZY, EAGER):
+def _help() -> Result:
+    for code in (HELP, BARE):
         python_process("-c", code)  # warm: compiled files and disk cache
-    rounds = [[python_process("-c", code)[0] for code in (BARE, LAZY, EAGER)] for _ in range(ROUNDS)]
-    return [
-        share(OVER_CLICK, [(lazy, bare) for bare, lazy, _ in rounds]),
-        times_as_fast(OVER_LAZY, [(lazy, eager) for _, lazy, eager in rounds]),
-    ]
+    rounds = [(python_process("-c", HELP)[0], python_process("-c", BARE)[0]) for _ in range(ROUNDS)]
+    return share(OVER_CLICK, rounds)
 
 
 def _beside_a_recording() -> list[Result]:

@@ -59,7 +59,9 @@ def growths() -> Iterator[Growth]:
     yield _growth(
         BY_REGIONS, (4, 8, 16, 32), lambda size: _estimating(with_targets(world, size), REGIONS_MIN)
     )
-    yield _growth(BY_PIXELS, (160 * 128, 320 * 128, 320 * 256, 640 * 256), _mapping)
+    yield _growth(
+        BY_PIXELS, (160 * 128, 320 * 128, 320 * 256, 640 * 256), lambda size: mapping((128, size // 128))
+    )
     with tempfile.TemporaryDirectory() as folder:
         sessions = [_record(Path(folder) / f"{seed}", seed) for seed in range(8)]
         yield _growth(BY_SESSIONS, (1, 2, 4, 8), lambda size: lambda: _estimate(sessions[:size]))
@@ -75,10 +77,6 @@ def _growth(row: Row, sizes: tuple[int, ...], prepared: Callable[[int], Callable
 def _estimating(world: World, minutes: int) -> Callable[[], object]:
     history, settings = world.history.until(minutes), replace(world.settings, model="learned")
     return lambda: list(SlopeChain(world.regions, settings).series(history))
-
-
-def _mapping(pixels: int) -> Callable[[], object]:
-    return mapping((128, pixels // 128))
 
 
 def _record(folder: Path, seed: int) -> Path:
