@@ -8,7 +8,7 @@ import threading
 
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.page.conductor import Conductor
-from fieldkit.page.hub import Hub, Phase
+from fieldkit.page.hub import Hub
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.request_reader import recover_session
@@ -51,14 +51,6 @@ def _recover(conductor: Conductor) -> None:
 
 
 REPORT_EVERY_S = 5.0
-PHASE_TEXTS: dict[Phase, str] = {
-    "preview": "no recording; the page shows the instruments",
-    "starting": "a recording is starting",
-    "waiting": "a recording waits for its time or trigger",
-    "recording": "a recording that was started elsewhere goes on",
-    "sealing": "the session is being sealed",
-    "no-instruments": "no recording, no instruments",
-}
 
 
 async def report_page(hub: Hub) -> None:
@@ -70,5 +62,5 @@ async def report_page(hub: Hub) -> None:
     notify("READY=1")
     while True:
         if not (hub.state.ours and hub.state.phase == "recording"):
-            notify("WATCHDOG=1", f"STATUS={hub.state.problem or PHASE_TEXTS[hub.state.phase]}")
+            notify("WATCHDOG=1", f"STATUS={hub.state.problem or hub.state.phase}")
         await asyncio.sleep(REPORT_EVERY_S)

@@ -22,23 +22,6 @@ class ViewerLeftError(Exception):
     """A viewer is to be disconnected; the text is the end of a key, ``closed.REASON``."""
 
 
-@dataclass
-class Allowance:
-    """Events that may come: a `burst` at once, and `per_second` from then on."""
-
-    burst: float
-    per_second: float
-    _remaining: float = float("inf")
-    _counted_at: float = 0.0
-
-    def allows_another(self) -> bool:
-        """Count an event; whether it was allowed."""
-        now = time.monotonic()
-        remaining = self._remaining + (now - self._counted_at) * self.per_second
-        self._remaining, self._counted_at = min(self.burst, remaining) - 1, now
-        return self._remaining >= 0
-
-
 @dataclass(eq=False)
 class Viewer:
     """Queue of one browser: every text in order, of pictures only the newest that it is ready for."""
@@ -51,7 +34,8 @@ class Viewer:
     _picture: bytes | None = None
     _wake: asyncio.Event = field(default_factory=asyncio.Event)
     _reason: str = ""
-    _requests: Allowance = field(default_factory=lambda: Allowance(BURST, PER_SECOND))
+    _allowed: float = BURST
+    _counted_at: float = 0.0
 
     def text(self, message: str) -> None:
         """Queue a text; a viewer that does not read is disconnected."""
@@ -73,7 +57,10 @@ class Viewer:
 
     def count_request(self) -> None:
         """Raise `ViewerLeftError` if requests come faster than a person can make them."""
-        if not self._requests.allows_another():
+        now = time.monotonic()
+        allowed = min(BURST, self._allowed + (now - self._counted_at) * PER_SECOND)
+        self._allowed, self._counted_at = allowed - 1, now
+        if self._allowed < 0:
             raise ViewerLeftError("too_many")
 
     async def send(

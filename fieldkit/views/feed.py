@@ -62,11 +62,6 @@ KINDS: dict[str, type[Any]] = {
 }
 
 
-def no_status(cols: int) -> str:
-    """The status of a recording that is not asked for it."""
-    return "null"
-
-
 class Feed:
     """A view that serves a recording to readers on a Unix socket, which only this user can open.
 
@@ -74,7 +69,7 @@ class Feed:
     Raises `OSError` if it cannot listen.
     """
 
-    def __init__(self, path: Path, latest: Latest, status: Callable[..., str] = no_status) -> None:
+    def __init__(self, path: Path, latest: Latest, status: Callable[..., str]) -> None:
         self._latest, self._status = latest, status
         self._readers: list[_Sender] = []
         self._is_closed = False

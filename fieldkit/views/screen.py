@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from rich.color import Color
-from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.layout import Layout
 from rich.progress_bar import ProgressBar
-from rich.segment import Segment
+from rich.segment import Segment, Segments
 from rich.style import Style
 from rich.table import Table
 from rich.text import Text
@@ -103,20 +103,16 @@ def snapshot(latest: Latest, cols: int) -> RenderableType:
 # ---------------------------------------------------------------------- image
 
 
-class HalfBlocks:
+def half_blocks(rgb: Colours, labels: Mapping[tuple[int, int], str]) -> Segments:
     """An image in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
-
-    def __init__(self, rgb: Colours, labels: Mapping[tuple[int, int], str]) -> None:
-        packed = rgb.astype(np.int64) @ np.array([65536, 256, 1])
-        self._above, self._below = packed[0::2].tolist(), packed[1::2].tolist()
-        self._labels = labels
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
-        for row, (above, below) in enumerate(zip(self._above, self._below, strict=True)):
-            for col, (top, bottom) in enumerate(zip(above, below, strict=True)):
-                letter = self._labels.get((row, col))
-                yield Segment(letter, _LABEL) if letter else Segment("▀", _two_colours(top, bottom))
-            yield Segment.line()
+    packed = (rgb.astype(np.int64) @ np.array([65536, 256, 1])).tolist()
+    segments: list[Segment] = []
+    for row, (above, below) in enumerate(zip(packed[0::2], packed[1::2], strict=True)):
+        for col, (top, bottom) in enumerate(zip(above, below, strict=True)):
+            letter = labels.get((row, col))
+            segments.append(Segment(letter, _LABEL) if letter else Segment("▀", _two_colours(top, bottom)))
+        segments.append(Segment.line())
+    return Segments(segments)
 
 
 _LABEL = Style(color="#000000", bgcolor=Color.from_rgb(*frame_image.OUTLINE), bold=True)
@@ -152,7 +148,7 @@ def _draw_frame(
     rgb = palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
         rgb[frame_image.outline_mask(region, shape, 2 * lines, cols)] = frame_image.OUTLINE
-    return Group(HalfBlocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
+    return Group(half_blocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
 
 
 def _labels(
@@ -304,16 +300,18 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
         table.add_column("given", no_wrap=True)
     table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
     for region in visible_regions:
-        cells = _region_cells(latest, region)
-        more = [_noise(latest, region), formatting.given_slope(region)] if wide else []
-        table.add_row(region.name, *cells[:-1], *more, cells[-1])
+        estimate = _estimate(latest, region)
+        *cells, state = _region_cells(latest, region, estimate)
+        noise = formatting.noise(estimate) if estimate else ""
+        more = [noise, formatting.given_slope(region)] if wide else []
+        table.add_row(region.name, *cells, *more, state)
     if hidden <= 0:
         return table
     words = f"{len(latest.regions) - len(visible_regions)} more regions hidden: {hidden} more rows show them"
     return Group(table, Text(words, "warning"))
 
 
-def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
+def _region_cells(latest: Latest, region: Region, estimate: SlopeEstimate | None) -> list[str | Text]:
     """Mean, spread, tilt, azimuth, kelvin per degree and state of one region."""
     minute = latest.minute
     if minute is None:
@@ -323,7 +321,6 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
     if region.kind is RegionKind.REFERENCE:
         azimuth = formatting.number(region.azimuth_deg) if region.tilt_deg else formatting.UNKNOWN
         return [*cells, formatting.number(region.tilt_deg, 1), azimuth, "", Text("reference", "quiet")]
-    estimate = _estimate(latest, region)
     if estimate is None:
         return [*cells, *[formatting.UNKNOWN] * 4]
     return [
@@ -331,18 +328,13 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
         formatting.tilt(estimate),
         formatting.azimuth(estimate),
         formatting.slope_number(estimate, "kelvin_per_degree"),
-        Text(formatting.state(estimate), _state_style(estimate)),
+        Text(formatting.state(estimate), "good" if estimate.state in CERTAIN else "warning"),
     ]
 
 
 def _estimate(latest: Latest, region: Region) -> SlopeEstimate | None:
     estimates = latest.minute.estimates if latest.minute else ()
     return next((estimate for estimate in estimates if estimate.region == region.name), None)
-
-
-def _noise(latest: Latest, region: Region) -> str:
-    estimate = _estimate(latest, region)
-    return formatting.noise(estimate) if estimate else ""
 
 
 def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
@@ -352,13 +344,9 @@ def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
         return [formatting.UNKNOWN, formatting.UNKNOWN]
     values = frame_image.values(frame, latest.streams[frame.stream])
     inside = values[region.mask((values.shape[0], values.shape[1]))]
-    if not np.isfinite(inside).any():
-        return [formatting.UNKNOWN, formatting.UNKNOWN]
-    return [formatting.number(float(np.nanmean(inside)), 2), formatting.number(float(np.nanstd(inside)), 2)]
-
-
-def _state_style(estimate: SlopeEstimate) -> str:
-    return "good" if estimate.state in CERTAIN else "warning"
+    inside = inside[np.isfinite(inside)]
+    mean, spread = (inside.mean(), inside.std()) if inside.size else (math.nan, math.nan)
+    return [formatting.number(float(mean), 2), formatting.number(float(spread), 2)]
 
 
 # ---------------------------------------------------------------------- events, progress

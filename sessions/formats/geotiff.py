@@ -68,9 +68,8 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
     """
     geographic = _geographic(crs)
     (longitude,), (latitude,) = _transform(crs, geographic, [east_m], [north_m])
-    per_degree = _metres_per_degree(geographic, latitude)
-    steps_deg = np.diag(STEP_M / per_degree)
-    east, north = _transform(geographic, crs, longitude + steps_deg[0], latitude + steps_deg[1])
+    steps_m = np.diag([STEP_M, STEP_M])
+    east, north = _transform(_around(geographic, longitude, latitude), crs, *steps_m)
     on_grid = np.array([east - east_m, north - north_m]) / STEP_M  # columns: a metre to east, to north
     scales = np.linalg.svd(on_grid, compute_uv=False)
     grid = Grid(math.degrees(math.atan2(*on_grid[:, 1])), float(np.sqrt(scales.prod())))
@@ -100,6 +99,16 @@ def _geographic(crs: CRS) -> CRS:
     return CRS.from_wkt(_part(crs.to_wkt(), "GEOGCS"))
 
 
+def _around(geographic: CRS, longitude_deg: float, latitude_deg: float) -> CRS:
+    """True distances to east and north of a place, on the system's ellipsoid."""
+    from rasterio.crs import CRS
+
+    centre = {"latitude_of_center": latitude_deg, "longitude_of_center": longitude_deg}
+    parameters = "".join(f'PARAMETER["{name}",{degrees:.12f}],' for name, degrees in centre.items())
+    projection = f'PROJECTION["Azimuthal_Equidistant"],{parameters}UNIT["metre",1]'
+    return CRS.from_wkt(f'PROJCS["around",{geographic.to_wkt()},{projection}]')
+
+
 def _part(wkt: str, name: str) -> str:
     """The element of that name in well-known text (version 1), with its brackets; "" without."""
     start = wkt.find(f"{name}[")
@@ -121,16 +130,6 @@ def _transform(
         place, fix = f"{x[0]:.10g}, {y[0]:.10g}", "correct east_m and north_m, or crs"
         raise ConfigError(f"lies outside {source}", place=place, fix=fix)
     return points[0], points[1]
-
-
-def _metres_per_degree(geographic: CRS, latitude_deg: float) -> FloatArray:
-    """Metres of a degree of longitude and of latitude, on the system's ellipsoid."""
-    _, axis_m, flattening = _part(geographic.to_wkt(), "SPHEROID").split(",")[:3]
-    axis, inverse, latitude = float(axis_m), float(flattening.rstrip("]")), math.radians(latitude_deg)
-    square = (2.0 - 1.0 / inverse) / inverse if inverse else 0.0
-    root = math.sqrt(1.0 - square * math.sin(latitude) ** 2)
-    east, north = axis / root * math.cos(latitude), axis * (1.0 - square) / root**3
-    return np.radians([east, north])
 
 
 def _utm(longitude_deg: float, latitude_deg: float) -> str:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import NamedTuple
-from zoneinfo import ZoneInfo, available_timezones
+from zoneinfo import ZoneInfo
 
 from fieldkit.model.site import known_zone
 
@@ -74,12 +74,9 @@ def is_label(cell: str) -> bool:
 
 
 def example(stated: Sequence[Statement]) -> str:
-    """A zone that was meant, as far as the words tell."""
-    named = (zone.key for one in stated for zone in one.zones if isinstance(zone, ZoneInfo))
-    words = " ".join(one.words for one in stated)
-    cities = ((name, name.partition("/")[2].replace("_", " ")) for name in sorted(available_timezones()))
-    in_words = (name for name, city in cities if city and re.search(rf"\b{city}\b", words) and city != "UTC")
-    return next(named, "") or next(in_words, "Asia/Tokyo")
+    """A zone that was meant, as far as the words name one."""
+    zones = (zone.key for one in stated for zone in one.zones if isinstance(zone, ZoneInfo))
+    return next(zones, "Asia/Tokyo")
 
 
 def _of_field(field: str) -> Iterator[tzinfo]:

@@ -74,7 +74,7 @@ def test_the_page_is_silent_while_its_recorder_should_feed_the_watchdog(page, ma
     manager.drain()
     assert not manager.waits_for("WATCHDOG=1", SILENCE_S), manager.states[-4:]
     os.kill(pid, signal.SIGKILL)  # it is gone, and the page can do its work: nothing hangs
-    assert feeding(manager, "no recording; the page shows the instruments"), manager.states[-4:]
+    assert feeding(manager, "STATUS=preview"), manager.states[-4:]
     page.send_signal(signal.SIGTERM)
     assert manager.waits_for("STOPPING=1")
     said = page.communicate(timeout=30)[0]
@@ -86,7 +86,7 @@ def test_the_page_is_silent_while_its_recorder_should_feed_the_watchdog(page, ma
 def test_a_recording_that_a_person_stops_is_not_begun_again(page, manager, recordings, monkeypatch):
     assert feeding(manager, "samples")
     succeed("stop", "-C", recordings.parent)
-    assert feeding(manager, "no recording; the page shows the instruments")
+    assert feeding(manager, "STATUS=preview")
     assert "STOPPING=1" not in manager.states
     page.send_signal(signal.SIGTERM)
     assert "next one" not in page.communicate(timeout=30)[0]

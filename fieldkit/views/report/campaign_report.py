@@ -14,13 +14,13 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import ErrorSpan, SdKind
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
-from fieldkit.views import formatting, plotting, study_figures
+from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
 from fieldkit.views.report.error_budget import READING, budget, cause_rows, pool
 from fieldkit.views.report.recording import versions
-from fieldkit.views.report.results import SPAN_S, sd_words
-from fieldkit.views.report.series import Series, TargetSeries, modelled_temperature, temperature_rmse_k
+from fieldkit.views.report.results import SPAN_S, paper_figures, sd_words
+from fieldkit.views.report.series import Series, TargetSeries, modelled_temperature
 from fieldkit.views.report.session_figures import FinalTilt
 
 
@@ -59,7 +59,7 @@ def write_campaign_report(
         warnings=[(part.path.stem, part.warnings) for part in parts if part.warnings],
         slopes=_slope_figures(parts) if plotting.available() else None,
         targets=_targets(parts, sd),
-        comparison=_paper_figures(parts, sd) if plotting.available() else None,
+        comparison=_comparison(parts, sd) if plotting.available() else None,
         budget=_error_budget(parts),
         sessions=Table(("session", "SHA-256"), [(part.path.name, code(sha256(part.path))) for part in parts]),
         provenance=_provenance(command_line),
@@ -139,29 +139,9 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     ]
 
 
-def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
-    figures = []
-    measured, modelled = _temperatures(parts)
-    if measured:
-        rmse = temperature_rmse_k(measured, modelled)
-        figures.append(
-            Figure(
-                study_figures.measured_against_modelled(measured, modelled, rmse),
-                f"As Fig. 12 of the paper, one colour per day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
-                f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
-            )
-        )
-    errors = _errors_by_tilt(parts, sd)
-    if any(errors.values()):
-        figures.append(
-            Figure(
-                study_figures.errors_over_local_time(errors, _zone(parts[0])),
-                "As Fig. 13 of the paper: absolute tilt error over local time, one line per given tilt, "
-                f"{SPAN_S / 60:.0f} min means of all days. Bars: one SD, {sd_words(sd)}.",
-                "Absolute tilt error of each given tilt against local time.",
-            )
-        )
-    return figures
+def _comparison(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
+    """The paper's figures with one colour per day, and one line per given tilt."""
+    return list(paper_figures(*_temperatures(parts), _errors_by_tilt(parts, sd), _zone(parts[0]), sd))
 
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:

@@ -226,7 +226,7 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
     )
     global_light = diffuse + light * columns.cos_zenith
     reflected = daylight.ground_reflected(global_light, settings.ground_albedo, cos_tilt)
-    absorbing, half_deg = 1.0 - settings.surface.albedo, target.tilt_half_width_deg
+    absorbing = 1.0 - settings.surface.albedo
     return ErrorBudget(
         name=target.region.name,
         diffuse_w_m2=_median(on_target - diffuse),
@@ -234,8 +234,8 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
         longwave_w_m2=_median(_longwave(columns, cos_tilt, settings)) / absorbing,
         storage_w_m2=_median(-_stored_heat(columns, target, settings)) / absorbing,
         w_m2_per_degree=_median(light * _per_degree(columns, tilt, azimuth)),
-        kelvin_per_degree=_median(target.kelvin_per_degree),
-        noise_deg=_median(np.where(target.is_estimate, half_deg, np.nan)),
+        kelvin_per_degree=_median(target.values("kelvin_per_degree")),
+        noise_deg=_median(target.values("tilt_half_width_deg", solved=True)),
         tilt_deg=tilt,
         emissivity_k=_median(_of_emissivity(columns, target, settings)),
         factor_sd=settings.factor_sd,
@@ -251,7 +251,7 @@ def pool(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
 
 def _slope(target: TargetSeries) -> tuple[float, float]:
     truth = (target.region.tilt_deg, target.region.azimuth_deg)
-    estimated = (_median(target.estimated_tilt_deg), _median(target.azimuth_deg))
+    estimated = (_median(target.estimated_tilt_deg), _median(target.values("azimuth_deg")))
     return truth if np.isfinite(truth).all() else estimated
 
 

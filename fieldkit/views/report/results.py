@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from fieldkit.estimation.balance import GROUND_ALBEDO_SD
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
-from fieldkit.estimation.statistics import SdKind, errors_over_time
+from fieldkit.estimation.statistics import ErrorSpan, SdKind, errors_over_time
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.confidence import percent
@@ -262,31 +262,43 @@ def paper_comparison(data: ReportData) -> Mapping[str, object] | None:
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
         f"{len(modelled)} regions (the paper: 1.83 K)."
     )
-    return {"summary": summary, "figures": data.draw(lambda data: _paper_figures(data, modelled, rmse_k))}
+    return {"summary": summary, "figures": data.draw(lambda data: _comparison_figures(data, modelled))}
 
 
-def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
-    columns = data.columns
-    if modelled:
-        temperatures_k = {name: columns.temperature_k[name] for name in modelled}
-        yield Figure(
-            study_figures.measured_against_modelled(temperatures_k, modelled, rmse_k),
-            "As Fig. 12 of the paper: measured surface temperature against eq. (7) with this session's "
-            "parameters. The reference stands in for air temperature and longwave, so it is not plotted.",
-            f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
-            parts=list(modelled),
-        )
-    times_ns, errors = columns.of_day_ns(data.site), {}
-    for target in columns.targets:
+def _comparison_figures(data: ReportData, modelled_k: Mapping[str, FloatArray]) -> Iterator[Figure]:
+    measured_k = {name: data.columns.temperature_k[name] for name in modelled_k}
+    times_ns, errors = data.columns.of_day_ns(data.site), {}
+    for target in data.columns.targets:
         if np.isfinite(truth_deg := target.region.tilt_deg):
             tilts_deg = target.estimated_tilt_deg
             spans = errors_over_time(times_ns, tilts_deg, truth_deg, span_s=SPAN_S, kind=data.sd)
             errors[target.region.name] = spans
+    return paper_figures(measured_k, modelled_k, errors, data.zone, data.sd)
+
+
+def paper_figures(
+    measured_k: Mapping[str, FloatArray],
+    modelled_k: Mapping[str, FloatArray],
+    errors: Mapping[str, Sequence[ErrorSpan]],
+    zone: str,
+    sd: SdKind,
+) -> Iterator[Figure]:
+    """The paper's Figs. 12 and 13, as far as there are temperatures and errors, a colour for each name."""
+    if modelled_k:
+        rmse_k = temperature_rmse_k(measured_k, modelled_k)
+        yield Figure(
+            study_figures.measured_against_modelled(measured_k, modelled_k, rmse_k),
+            "As Fig. 12 of the paper (RMSE 1.83 K): measured surface temperature against eq. (7) with the "
+            "session's parameters. The reference stands in for air temperature and longwave, so it is not "
+            "plotted.",
+            f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
+            parts=list(modelled_k),
+        )
     if any(errors.values()):
         yield Figure(
-            study_figures.errors_over_local_time(errors, data.zone),
+            study_figures.errors_over_local_time(errors, zone),
             f"As Fig. 13 of the paper: absolute tilt error over local time, {SPAN_S / 60:.0f} min means. "
-            f"Bars: one SD, {sd_words(data.sd)}.",
-            "Absolute tilt error of each region against local time.",
+            f"Bars: one SD, {sd_words(sd)}.",
+            f"Absolute tilt error against local time of {', '.join(errors)}.",
             parts=list(errors),
         )

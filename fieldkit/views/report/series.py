@@ -52,32 +52,30 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import SessionReader
 
 
-_OF_ESTIMATES = (
-    *("tilt_deg", "tilt_low_deg", "tilt_high_deg", "tilt_half_width_deg"),
-    *("azimuth_deg", "azimuth_low_deg", "azimuth_high_deg", "kelvin_per_degree"),
-)
-
-
 @dataclass(frozen=True)
 class TargetSeries:
-    """Estimates of one target, one per minute; angles in degrees, NaN where there is none."""
+    """Estimates of one target, one per minute."""
 
     region: Region
     estimates: tuple[SlopeEstimate | None, ...]
-    tilt_deg: FloatArray
-    tilt_low_deg: FloatArray
-    tilt_high_deg: FloatArray
-    tilt_half_width_deg: FloatArray
-    azimuth_deg: FloatArray
-    azimuth_low_deg: FloatArray
-    azimuth_high_deg: FloatArray
-    kelvin_per_degree: FloatArray
-    is_estimate: BoolArray
 
-    @property
+    def values(self, key: str, *, solved: bool = False) -> FloatArray:
+        """A number of the estimates by minute (`SLOPE_FIELDS`), NaN where there is none.
+
+        If `solved`, also where the slope was not worked out at that minute, such as one that is held.
+        """
+        minutes = [e if e and (e.state in SOLVED or not solved) else None for e in self.estimates]
+        return np.array([np.nan if e is None else getattr(e, key) for e in minutes], np.float64)
+
+    @cached_property
+    def tilt_deg(self) -> FloatArray:
+        """Tilt, also a held one."""
+        return self.values("tilt_deg")
+
+    @cached_property
     def estimated_tilt_deg(self) -> FloatArray:
-        """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
-        return np.where(self.is_estimate, self.tilt_deg, np.nan)
+        """Tilt where it was worked out at that minute."""
+        return self.values("tilt_deg", solved=True)
 
     @property
     def mean_error_deg(self) -> float:
@@ -203,12 +201,7 @@ def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
     )
-    columns = {
-        name: np.array([np.nan if e is None else getattr(e, name) for e in estimates], np.float64)
-        for name in _OF_ESTIMATES
-    }
-    is_estimate = np.array([e is not None and e.state in SOLVED for e in estimates], np.bool_)
-    return TargetSeries(region, estimates, is_estimate=is_estimate, **columns)
+    return TargetSeries(region, estimates)
 
 
 def temperature_rmse_k(measured_k: Mapping[str, FloatArray], modelled_k: Mapping[str, FloatArray]) -> float:

@@ -63,7 +63,7 @@ def tilts(columns: Series, site: Site) -> plotting.OverTime:
     """Tilt of each target with its likelihood region, the given tilt dashed; a panel per target."""
     figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
-        bounds = target.tilt_deg, target.tilt_low_deg, target.tilt_high_deg
+        bounds = target.tilt_deg, target.values("tilt_low_deg"), target.values("tilt_high_deg")
         _angle(axes, columns, target, bounds, target.region.tilt_deg, plotting.colour(index))
         axes.set_ylabel(f"{target.region.name} tilt, °")
     return over_time(figure, panels, columns, site, legend=False)
@@ -73,15 +73,12 @@ def azimuths(columns: Series, site: Site) -> plotting.OverTime:
     """Azimuth of each target with its likelihood region, unwound about the given or median azimuth."""
     figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
-        centre = _centre_of(target)
-        middle = centre + _wrap(target.azimuth_deg - centre)
-        low = middle - (target.azimuth_deg - target.azimuth_low_deg) % 360.0
-        high = middle + (target.azimuth_high_deg - target.azimuth_deg) % 360.0
+        azimuth, low, high = map(target.values, ("azimuth_deg", "azimuth_low_deg", "azimuth_high_deg"))
+        centre = _centre_of(target, azimuth)
+        middle = centre + _wrap(azimuth - centre)
+        low, high = middle - (azimuth - low) % 360.0, middle + (high - azimuth) % 360.0
         bounds = middle, low, high
         _angle(axes, columns, target, bounds, target.region.azimuth_deg, plotting.colour(index))
-        half = _half_range(np.concatenate([low, high]) - centre)
-        axes.set_ylim(centre - half, centre + half)
-        axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
         axes.yaxis.set_major_formatter(lambda value, _position: f"{value % 360:.0f}")
         axes.set_ylabel(f"{target.region.name} azim., °")
     return over_time(figure, panels, columns, site, legend=False)
@@ -178,20 +175,14 @@ def _shade_clouds(axes: Axes, columns: Series) -> None:
         axes.axvspan(start, end, color=CLOUD_COLOUR, alpha=0.45, linewidth=0)
 
 
-def _centre_of(target: TargetSeries) -> float:
+def _centre_of(target: TargetSeries, azimuth_deg: FloatArray) -> float:
     if np.isfinite(target.region.azimuth_deg):
         return float(target.region.azimuth_deg)
-    finite = target.azimuth_deg[np.isfinite(target.azimuth_deg)]
+    finite = azimuth_deg[np.isfinite(azimuth_deg)]
     radians = np.radians(finite)
     return (
         float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if finite.size else 180.0
     )
-
-
-def _half_range(away_deg: FloatArray) -> float:
-    """The smallest round range of azimuths that holds the likelihood regions."""
-    furthest = float(np.max(np.abs(away_deg[np.isfinite(away_deg)]), initial=0.0))
-    return next((half for half in (20.0, 40.0, 90.0) if furthest <= half), 180.0)
 
 
 def _wrap(difference_deg: FloatArray) -> FloatArray:

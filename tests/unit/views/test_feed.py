@@ -47,7 +47,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def feed(path):
-    feed = Feed(path, Latest(SITE, REGIONS, STREAMS, "day", 10**18))
+    feed = Feed(path, Latest(SITE, REGIONS, STREAMS, "day", 10**18), "{{}}".format)
     yield feed
     feed.close()
 
@@ -113,7 +113,7 @@ def test_only_this_user_can_open_it(feed, path):
 def test_a_long_path_is_no_obstacle(tmp_path):
     folder = tmp_path / ("a" * 200) / "20261211T025512Z-long.h5.journal"  # a socket's address holds 107 bytes
     folder.mkdir(parents=True)
-    feed = Feed(folder / "feed", Latest(SITE, REGIONS, STREAMS))
+    feed = Feed(folder / "feed", Latest(SITE, REGIONS, STREAMS), "{{}}".format)
     assert isinstance(next(FeedReader(folder / "feed").items()), FeedStart)
     feed.close()
 
