@@ -38,8 +38,8 @@ POSTERIOR_SLOPES = 500  # one at a time, some milliseconds each
 
 
 @dataclass(frozen=True)
-class StudyOptions:
-    """Options of the simulation and the estimates; the defaults are the paper's.
+class StudyOptions(StudySettings):
+    """Options of the simulation and the estimates, those of a run among them; the defaults are the paper's.
 
     Windows begin at local `starts` and last `minutes`. Measured `weather` replaces the clear sky
     of Linke `turbidity`, longwave and air temperature; a constant `dni_w_m2` only the sky's beam.
@@ -56,11 +56,7 @@ class StudyOptions:
     longwave_w_m2: float = 400.0
     air_c: float = 30.0
     slopes: int | None = None
-    noise_k: float = 0.0
-    quantum_k: float = 0.0
-    tolerance_w_m2: float = 0.5
     estimators: tuple[Method, ...] = ("contours", "unit-norm")
-    seed: int = 1
 
     @classmethod
     def of(cls, *, weather: Weather | None = None, **given: Any) -> StudyOptions:
@@ -82,16 +78,6 @@ class StudyOptions:
         if self.dni_w_m2:
             return f"constant {self.dni_w_m2:g} W/m²"
         return f"clear sky, Linke turbidity {self.turbidity:g}"
-
-    def settings(self, method: Method) -> StudySettings:
-        """Settings of one run."""
-        return StudySettings(
-            method,
-            noise_k=self.noise_k,
-            quantum_k=self.quantum_k,
-            tolerance_w_m2=self.tolerance_w_m2,
-            seed=self.seed,
-        )
 
 
 @dataclass(frozen=True)
@@ -149,7 +135,7 @@ def _weather(
 def run_all(options: StudyOptions) -> list[Run]:
     """Every start with every estimator."""
     return [
-        Run(start, method, run_study(slopes_for(options, method), sky, options.settings(method)))
+        Run(start, method, run_study(slopes_for(options, method), sky, replace(options, method=method)))
         for start in options.starts
         for sky in [conditions(options, start)]
         for method in options.estimators
