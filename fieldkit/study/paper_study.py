@@ -84,7 +84,6 @@ class PaperStudy:
             "table-2": table_2(),
             "errors": summary_rows(self.runs),
             "directions": direction_rows(self.runs),
-            "cumulative": cumulative_rows(self.runs),
             "sensitivity": self.sensitivity,
             "field": [
                 {"day": day.name, "rmse_k": day.rmse_k, "mean_tilt_error_deg": day.mean_error_deg}
@@ -206,20 +205,6 @@ def direction_rows(runs: Sequence[Run]) -> Rows:
         for run in runs
         for centre, error in zip(*run.outcome.by_direction(), strict=True)
     ]
-
-
-def cumulative_rows(runs: Sequence[Run]) -> Rows:
-    """Fig. 9 as numbers: tilt error at every percent of the slopes."""
-    percents = np.arange(1, 101)
-    rows = []
-    for run in runs:
-        errors = np.nan_to_num(run.outcome.tilt_error_deg, nan=np.inf)  # an unsolved slope is within no error
-        reached = np.percentile(errors, percents, method="lower")
-        rows += [
-            {**run.key, "percent": percent, "tilt_error_deg": error}
-            for percent, error in zip(percents.tolist(), reached.tolist(), strict=True)
-        ]
-    return rows
 
 
 def _of_the_method(options: StudyOptions) -> dict[str, str]:

@@ -178,11 +178,7 @@ def _shade_clouds(axes: Axes, columns: Series) -> None:
 def _centre_of(target: TargetSeries, azimuth_deg: FloatArray) -> float:
     if np.isfinite(target.region.azimuth_deg):
         return float(target.region.azimuth_deg)
-    finite = azimuth_deg[np.isfinite(azimuth_deg)]
-    radians = np.radians(finite)
-    return (
-        float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if finite.size else 180.0
-    )
+    return float(np.degrees(np.angle(np.nansum(np.exp(1j * np.radians(azimuth_deg))))))
 
 
 def _wrap(difference_deg: FloatArray) -> FloatArray:

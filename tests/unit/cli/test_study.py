@@ -62,7 +62,7 @@ def test_every_figure_and_table_is_written(paper_study):
     folder, _ = paper_study
     figures = {path.name[:9] for path in folder.glob("figure-*.svg")}
     assert figures == {f"figure-{number:02d}" for number in (5, 6, 7, 8, 9, 10, 12, 13, 14)}
-    for name in ("table-2", "errors", "directions", "cumulative", "field-errors"):
+    for name in ("table-2", "errors", "directions", "field-errors"):
         with (folder / f"{name}.csv").open() as file:
             assert len(list(csv.DictReader(file))) >= 6
 
@@ -71,15 +71,6 @@ def test_page_says_where_it_differs_and_asks_for_nothing(paper_study):
     page = (paper_study[0] / "study.html").read_text(encoding="utf-8")
     assert "not public" in page
     assert not re.findall(r'(?:src|href)\s*=\s*"(?!data:|#)', page)
-
-
-def test_cumulative_error_never_falls(paper_study):
-    with (paper_study[0] / "cumulative.csv").open() as file:
-        rows = [
-            row for row in csv.DictReader(file) if (row["start"], row["estimator"]) == ("12:00", "contours")
-        ]
-    errors = [float(row["tilt_error_deg"]) for row in rows]
-    assert errors == sorted(errors)
 
 
 def test_other_places_days_and_noise(recorded, tmp_path):
