@@ -7,7 +7,6 @@ Tables as CSV and JSON, figures as SVG, and one page with all of it.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, time
@@ -23,6 +22,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.physics.facet import normal
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sun_angles import sun_rows
+from fieldkit.sessions.formats.tables_out import write_csv
 from fieldkit.study.estimators import Conditions, summarise
 from fieldkit.study.field_days import FieldDay, field_days
 from fieldkit.study.runs import PAPER_SITE, Run, StudyOptions, conditions, run_all, sensitivity
@@ -225,7 +225,7 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
     grid = (tilts, azimuths)
     return {
         "figure-05": study_figures.radiation_table(first, *grid),
-        "figure-06": study_figures.contour_on_table(first, *grid, measured[0]),
+        "figure-06": study_figures.radiation_table(first, *grid, measured[0]),
         "figure-07": study_figures.contours(tables, *grid, measured, EXAMPLE),
         "figure-08": study_figures.scores(scores, *grid),
         "figure-14": study_figures.contours(tables, *grid, clouded, None),
@@ -281,13 +281,7 @@ def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], d
         folder.mkdir(parents=True, exist_ok=True)
         for name, rows in tables.items():
             if rows:
-                _write_csv(folder / f"{name}.csv", rows)
+                columns = {column: [row[column] for row in rows] for column in rows[0]}
+                write_csv(columns, folder / f"{name}.csv")
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-
-
-def _write_csv(path: Path, rows: Rows) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)

@@ -20,20 +20,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DIFFERENCE = "coolwarm", "difference to flat ground, W/m²"
-"""Colours and label of a table of irradiance."""
 
+def radiation_table(
+    table: FloatArray, tilts: FloatArray, azimuths: FloatArray, measured: float | None = None
+) -> str:
+    """Fig. 5: irradiance on a slope minus that on flat ground, W/m2, (tilts, azimuths).
 
-def radiation_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
-    """Fig. 5: irradiance on a slope minus that on flat ground, W/m2, (tilts, azimuths)."""
-    return plotting.svg(_mesh(table, tilts, azimuths, *DIFFERENCE)[0])
-
-
-def contour_on_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray, measured: float) -> str:
-    """Fig. 6: the same with all slopes that explain one measured difference."""
-    figure, axes = _mesh(table, tilts, azimuths, *DIFFERENCE)
-    axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
-    axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=plotting.FONT_PT)
+    Fig. 6: the same with all slopes that explain one `measured` difference.
+    """
+    figure, axes = _mesh(table, tilts, azimuths, "coolwarm", "difference to flat ground, W/m²")
+    if measured is not None:
+        axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
+        axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=plotting.FONT_PT)
     return plotting.svg(figure)
 
 
