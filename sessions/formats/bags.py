@@ -30,6 +30,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, exp
 from fieldkit.sessions.formats.times import plausible_ns
 
 SUFFIXES = (".mcap", ".bag")
+OWN_PACKAGE = "fieldkit_msgs/"
 _FIELDS = {
     # message type: its field with a unit, as sensor_msgs defines them
     "Temperature": ("temperature", "C"),
@@ -115,7 +116,8 @@ def _messages(path: Path, topics: Collection[str], offset_ns: int) -> Iterator[_
 
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for connection, time_ns, data in reader.messages():
-                if topics and connection.topic not in topics:
+                is_own = connection.msgtype.startswith(OWN_PACKAGE)  # what a session's export has beside
+                if is_own or (topics and connection.topic not in topics):
                     continue
                 body = reader.deserialize(data, connection.msgtype)
                 stamp = getattr(getattr(body, "header", None), "stamp", None)

@@ -15,6 +15,7 @@ from fieldkit.model.samples import Event, EventKind, Frame
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate, SlopeState
 from fieldkit.physics.camera_laws import frame_k
+from fieldkit.sessions.formats.bags import read_bag
 from fieldkit.sessions.formats.imported import write_imported
 from fieldkit.sessions.formats.ros2 import export_mcap
 from fieldkit.sessions.layout import SessionHeader
@@ -134,3 +135,15 @@ def test_slopes_and_the_details_of_events_come_along(tmp_path):
     assert [json.loads(event.data) for _, event in found["/events"] if event.text == "wind"] == [
         {"label": "wind", "wind_m_s": None}
     ]
+
+
+def test_frames_and_meters_are_imported_again(session, tmp_path):
+    """Counts of 0.01 K, as the camera of the session has; of what is beside them nothing becomes a meter."""
+    (path,) = export_mcap(session, tmp_path)
+    recording = read_bag(path, unit="K")
+    assert [info.name for info in recording.streams if not info.is_camera] == [
+        "lux-illuminance", *(f"thermometer-T{n}" for n in range(1, 5)),
+    ]  # fmt: skip
+    frames = [sample for sample in recording.samples if isinstance(sample, Frame)]
+    for frame, original in zip(frames, session.samples("camera"), strict=True):
+        assert (frame.time_ns, frame.counts.tobytes()) == (original.time_ns, original.counts.tobytes())
