@@ -77,8 +77,8 @@ LONGEST_NAME = 200
 """Bytes of a record's name: with date and suffix it is a file's name, of 255 bytes at most."""
 
 
-def require_name(name: str) -> None:
-    """Raise `ConfigError` for what cannot name a record, whose name is a part of its file's."""
+def require_name(name: str) -> str:
+    """The name of a record, a part of its file's; raises `ConfigError` for what cannot be one."""
     plain = re.sub(r"[^\w.+-]+", "-", name).strip("-.")
     if name != plain or not name:
         advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
@@ -91,3 +91,4 @@ def require_name(name: str) -> None:
             place=f"{name[:20]!r}...",
             fix="shorten that text",
         )
+    return name

@@ -14,14 +14,13 @@ from fieldkit.calibrate.inputs import light_meter, minute_means, open_to_calibra
 from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
 from fieldkit.config import Config
-from fieldkit.model.clock import utc_ns
+from fieldkit.model.clock import as_moment, utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.results.sources import SessionOrFile, log_warning
-from fieldkit.results.sun_angles import moment
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
@@ -139,7 +138,7 @@ def host_clock(
     >>> fieldkit.calibrate.host_clock(campaign.config, host_ns=host_ns, shown=shown)
     <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
     """
-    own, true = np.array([host_ns], np.int64), np.array([utc_ns(moment(shown))], np.int64)
+    own, true = np.array([host_ns], np.int64), np.array([utc_ns(as_moment(shown))], np.int64)
     offset = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
     _warn_of_another_day(offset, notify)
     date = datetime.fromtimestamp(host_ns // 10**9, UTC)

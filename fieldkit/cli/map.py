@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
-from fieldkit.cli.types import FILE, NUMBER, PATH, WINDOW, NumberRange
+from fieldkit.cli.types import FILE, NUMBER, PATH, NumberRange
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--out", type=PATH, metavar="NAME", help="A folder for several [default: results/].")
 @click.option(
     "--window",
-    type=WINDOW,
+    metavar="TIME",
     help="How far back from the last usable minute: 20m, 1h, all, or weather: as far as the regions' "
     "slopes look [default: as configured]. By the learned model no further than a day or a gap of two hours.",
 )
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 def command(
     sessions: tuple[Path, ...],
     out: Path | None,
-    window: float | str | None,
+    window: str | None,
     products: str | None,
     limit_deg: float,
     drive_deg: float,

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import re
 import tomllib
-from datetime import date, datetime
+from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from fieldkit.calibration.ranges import RANGES, require_name
 from fieldkit.cli.next_steps import in_commands
-from fieldkit.model.clock import require_storable
+from fieldkit.model.clock import as_day, as_moment
 from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError
 
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fieldkit.model.site import Site
-
-
-_Time = TypeVar("_Time")
 
 
 class _Typed(click.ParamType):  # type: ignore[type-arg]
@@ -74,8 +72,6 @@ class NumberRange(_Finite, click.FloatRange):
 
 def argument_range(name: str) -> NumberRange:
     """The range of an argument of `fieldkit.calibrate`."""
-    from fieldkit.calibration.ranges import RANGES
-
     low, high, above, below = RANGES[name]
     return NumberRange(low, None if high == inf else high, min_open=above, max_open=below)
 
@@ -107,25 +103,17 @@ def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     return _Typed("TIME", parse)
 
 
-def parse_window(text: str) -> float | str:
-    """Length of a map's window: seconds of a duration, ``all`` or ``weather``."""
-    return text if text in ("all", "weather") else parse_duration(text)
-
-
 def parse_site(text: str) -> Site:
     """``LAT,LON[,ALT]`` in degrees north, degrees east (also 0 to 360), metres; the zone is UTC."""
-    numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
-    latitude, longitude = numbers[:2]
-    if abs(latitude) > 90.0 or abs(longitude) > 360.0:
-        raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
-    from fieldkit.model.site import ELEVATIONS_M, Site  # numpy comes with it
+    from fieldkit.model.site import Site  # numpy comes with it
 
-    elevation = numbers[2] if len(numbers) == 3 else 0.0
-    if not ELEVATIONS_M[0] <= elevation <= ELEVATIONS_M[1]:
-        raise ValueError("elevation must lie within {:g}..{:g} metres".format(*ELEVATIONS_M))
-    return Site(
-        latitude, longitude if abs(longitude) <= 180.0 else (longitude + 180.0) % 360.0 - 180.0, elevation
-    )
+    numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
+    latitude, east, elevation = (*numbers, 0.0)[:3]
+    longitude = (east + 180.0) % 360.0 - 180.0 if 180.0 < east <= 360.0 else east
+    try:
+        return Site(latitude, longitude, elevation)
+    except ConfigError as error:
+        raise ConfigError(error.problem, place=repr(text), fix=error.fix) from error
 
 
 def parse_storable_text(text: str) -> str:
@@ -139,35 +127,6 @@ def parse_facet(text: str) -> tuple[float, float]:
     if not 0.0 <= tilt <= 90.0 or not -360.0 <= azimuth <= 360.0:
         raise ValueError("tilt must lie within 0..90 and azimuth within 0..360 degrees, tilt first")
     return tilt, azimuth % 360.0
-
-
-def _from_iso(parse: Callable[[str], _Time], text: str, example: str) -> _Time:
-    try:
-        return parse(text)
-    except ValueError:
-        raise ValueError(f"expected {example}") from None
-
-
-def parse_moment(text: str) -> datetime:
-    """An ISO 8601 time with its zone."""
-    moment = _from_iso(datetime.fromisoformat, text, "a time like 2017-08-30T12:00+09:00")
-    if moment.tzinfo is None:
-        raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
-    require_storable(moment)
-    return moment
-
-
-def parse_day(text: str) -> date:
-    """A day of the calendar, ISO 8601."""
-    day = _from_iso(date.fromisoformat, text, "a day like 2017-08-30")
-    require_storable(day)
-    return day
-
-
-def parse_xy(text: str) -> tuple[float, float]:
-    """``X,Y`` of a pixel."""
-    x, y = _numbers(text, (2,), "X,Y like 82,30")
-    return x, y
 
 
 def parse_rect(text: str) -> tuple[float, float, float, float]:
@@ -192,14 +151,6 @@ def parse_or_record(text: str) -> float | str:
     if text.startswith("@") and len(text) > 1:
         return text
     return _number(text, "a number, or a record like @uniformity")
-
-
-def parse_record_name(text: str) -> str:
-    """The name of a calibration record, which becomes part of a file's name."""
-    from fieldkit.calibration.ranges import require_name
-
-    require_name(text)
-    return text
 
 
 def parse_kelvin_per_count(text: str) -> float:
@@ -239,11 +190,11 @@ def _number(text: str, expected: str = "a number") -> float:
     return _numbers(text, (1,), expected)[0]
 
 
-def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+def _numbers(text: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
     try:
-        numbers = [float(word) for word in text.split(",")]
+        numbers = tuple(float(word) for word in text.split(","))
     except ValueError:
-        numbers = []
+        numbers = ()
     if len(numbers) not in counts or not all(map(isfinite, numbers)):
         raise ValueError(f"expected {expected}")
     return numbers
@@ -257,15 +208,14 @@ WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 HOUR = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)
-WINDOW = _Typed("TIME", parse_window)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
-MOMENT = _Typed("TIME", parse_moment)
-DAY = _Typed("YYYY-MM-DD", parse_day)
+MOMENT = _Typed("TIME", as_moment)
+DAY = _Typed("YYYY-MM-DD", as_day)
 ZONE = _Typed("ZONE", parse_zone)
-XY = _Typed("X,Y", parse_xy)
+XY = _Typed("X,Y", partial(_numbers, counts=(2,), expected="X,Y like 82,30"))
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
-RECORD_NAME = _Typed("NAME", parse_record_name)
+RECORD_NAME = _Typed("NAME", require_name)
 KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)

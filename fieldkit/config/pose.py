@@ -22,7 +22,7 @@ from fieldkit.config.files import table_in
 from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_schema import PoseTable, describe_value, node_at
 from fieldkit.config.validation import Mistake
-from fieldkit.model.clock import utc_ns
+from fieldkit.model.clock import as_moment, utc_ns
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.text_file import parse_toml, read_text
 from fieldkit.model.units import SECOND_NS
@@ -49,7 +49,7 @@ def trajectory_from(text: str, name: str) -> Trajectory:
         except KeyError as error:
             raise _wrong(name, line, f"no {error.args[0]}") from error
         except (ValueError, TypeError, InvalidOperation) as error:
-            raise _wrong(name, line, str(error) or "not a number") from error
+            raise _wrong(name, line, message_of(error) or "not a number") from error
         if poses and pose[0] <= poses[-1][0]:
             raise _wrong(name, line, "its time is not after that of the pose before")
         poses.append(pose)
@@ -92,7 +92,7 @@ def _rows(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _pose(row: Mapping[str, str]) -> tuple[int, Point, Quaternion]:
-    time_ns = _unix_ns(row["timestamp"]) if "timestamp" in row else _utc_ns(row["time"])
+    time_ns = _unix_ns(row["timestamp"]) if "timestamp" in row else utc_ns(as_moment(row["time"]))
     east, north, up = (float(row[name]) for name in PLACE)
     if ANGLES[0] in row:
         angles = [float(row[name]) for name in ANGLES]
@@ -108,13 +108,6 @@ def _pose(row: Mapping[str, str]) -> tuple[int, Point, Quaternion]:
 def _require_finite(*values: float) -> None:
     if not all(map(math.isfinite, values)):
         raise ValueError("a value is not finite")
-
-
-def _utc_ns(text: str) -> int:
-    time = datetime.fromisoformat(text)
-    if time.tzinfo is None:
-        raise ValueError(f"the time {text} has no offset from UTC, such as Z")
-    return utc_ns(time)
 
 
 def _unix_ns(text: str) -> int:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Protocol
 
+from fieldkit.model.errors import ConfigError
+
 YEARS = range(1700, 2251)
 """64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
 
@@ -23,6 +25,28 @@ def require_storable(when: date) -> None:
     """Raise `ValueError` unless the year lies within `YEARS`."""
     if when.year not in YEARS:
         raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
+
+
+def as_moment(at: datetime | str) -> datetime:
+    """A time with its zone, also from ISO 8601; raises `ConfigError`, or `ValueError` outside `YEARS`."""
+    try:
+        moment = at if isinstance(at, datetime) else datetime.fromisoformat(at)
+    except ValueError as error:
+        raise ConfigError("not a time", place=repr(at), fix="write it as 2017-08-30T12:00+09:00") from error
+    if moment.tzinfo is None:
+        raise ConfigError("has no time zone", place=str(at), fix="add its offset from UTC, such as +09:00")
+    require_storable(moment)
+    return moment
+
+
+def as_day(day: date | str) -> date:
+    """A day of the calendar, also from ISO 8601; raises `ConfigError`, or `ValueError` outside `YEARS`."""
+    try:
+        day = day if isinstance(day, date) else date.fromisoformat(day)
+    except ValueError as error:
+        raise ConfigError("not a day", place=repr(day), fix="write it as 2017-08-30") from error
+    require_storable(day)
+    return day
 
 
 def utc_ns(moment: datetime) -> int:

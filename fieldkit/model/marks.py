@@ -14,9 +14,9 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import ClassVar
 
+from fieldkit.model.clock import as_moment
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.units import SECOND_NS
@@ -118,9 +118,7 @@ def _time_ns(when: When, now_ns: int) -> int:
     if isinstance(when, int | float):
         _check_near(when, when)
         return now_ns + round(when * SECOND_NS)
-    moment = datetime.fromisoformat(when)
-    if moment.tzinfo is None:
-        raise ValueError(f"{when!r} has no time zone")
+    moment = as_moment(when)
     _check_near(when, moment.timestamp() - now_ns / SECOND_NS)
     return round(moment.timestamp() * 1e6) * 1000
 

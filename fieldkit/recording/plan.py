@@ -16,7 +16,7 @@ from fieldkit.estimation.day_plan import WINDOW_MIN, DayPlan, PlanSettings, labe
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import components_named, is_air_temperature
-from fieldkit.model.clock import utc_ns
+from fieldkit.model.clock import as_day, utc_ns
 from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
@@ -299,7 +299,8 @@ def plan(
     [60.93, 0.33]
     """
     site = as_site(site)
-    day = _day(day, site)
+    tomorrow = datetime.now(formatting.zone(site)).date() + timedelta(days=1)
+    day = tomorrow if day is None else as_day(day)
     if facets is None:
         equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
@@ -328,17 +329,6 @@ def _default_settings(site: Site) -> EstimatorSettings:
     place = f"latitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}"
     text = f'schema = 1\n[site]\n{place}\nbody = "{site.body}"\n'
     return config_from_text(text, Path(FILE_NAME)).estimator_settings()
-
-
-def _day(day: date | str | None, site: Site) -> date:
-    if day is None:
-        return datetime.now(formatting.zone(site)).date() + timedelta(days=1)
-    try:
-        return date.fromisoformat(day) if isinstance(day, str) else day
-    except ValueError as error:
-        raise ConfigError(
-            f"{day!r} is not a date", place=Argument("day"), fix='give one such as "2026-12-11"'
-        ) from error
 
 
 def target_facets(config: Config) -> tuple[tuple[float, float], ...]:

@@ -10,14 +10,14 @@ import numpy as np
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.clock import utc_ns
+from fieldkit.model.clock import as_moment, utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.results.sun_angles import checked_facets, moment
+from fieldkit.results.sun_angles import checked_facets
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.field_minutes import FieldMinutes, field_minutes
 from fieldkit.simulation.scene_series import Exchange, SceneModel
@@ -79,7 +79,7 @@ def predict(
     facets = checked_facets(facets)
     estimator = settings or EstimatorSettings()
     first_ns, last_ns = (int(weather.time_ns[end]) for end in (0, -1))
-    start_ns = utc_ns(moment(start)) if start else first_ns
+    start_ns = utc_ns(as_moment(start)) if start else first_ns
     start_ns = -(-start_ns // MINUTE_NS) * MINUTE_NS
     most = (last_ns - start_ns) // MINUTE_NS
     if minutes is not None and most > 0 and not 1 <= minutes <= most:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldkit.model.clock import utc_ns
+from fieldkit.model.clock import as_moment, utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Site, as_site
@@ -46,18 +46,7 @@ def sun(
     """
     moments = [at] if isinstance(at, datetime | str) else at
     facets = checked_facets(facets) if facets else ()
-    return sun_rows(as_site(site), [moment(time) for time in moments], facets)
-
-
-def moment(at: datetime | str) -> datetime:
-    """A time with its zone, also from ISO 8601; raises `ConfigError`."""
-    try:
-        time = datetime.fromisoformat(at) if isinstance(at, str) else at
-    except ValueError as error:
-        raise ConfigError("not a time", place=repr(at), fix="write it as 2017-08-30T12:00+09:00") from error
-    if time.tzinfo is None:
-        raise ConfigError("has no zone", place=str(at), fix="add its offset from UTC: 2017-08-30T12:00+09:00")
-    return time
+    return sun_rows(as_site(site), [as_moment(time) for time in moments], facets)
 
 
 def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from fieldkit.estimation.table import TemperatureTable
 from fieldkit.model.arrays import AnyArray
-from fieldkit.model.clock import YEARS, utc_ns
+from fieldkit.model.clock import YEARS, as_moment, utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.text_file import read_text
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -101,10 +100,7 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
 
 
 def _time_ns(text: str) -> int:
-    moment = datetime.fromisoformat(text)
-    if moment.tzinfo is None:
-        raise ValueError(text)
-    return utc_ns(moment)
+    return utc_ns(as_moment(text))
 
 
 def _number(text: str) -> float:
