@@ -74,14 +74,11 @@ def test_what_gives_no_pose_is_an_error(tmp_path, table, change, options, said):
     assert not (tmp_path / "pose.toml").exists()
 
 
-def test_the_lens_given_is_that_of_the_pose_file(tmp_path, table):
-    succeed(*words(tmp_path, table, *OPTIONS, "--distortion=-0.01,0,0,0,0"))
-    assert load_pose(tmp_path / "pose.toml", 0).table.distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]
-
-
 def test_a_pose_file_can_be_read_whatever_names_are_in_it(tmp_path, table):
     """Quotation marks of a CRS in WKT, or of a file, are those of TOML as well."""
     wkt = rasterio.crs.CRS.from_epsg(32654).to_wkt()
-    succeed(*words(tmp_path, table, "--crs", wkt, *OPTIONS[2:4], "--dem", 'it\'s "dem".tif'))
+    lens = "--distortion=-0.01,0,0,0,0"
+    succeed(*words(tmp_path, table, "--crs", wkt, *OPTIONS[2:4], "--dem", 'it\'s "dem".tif', lens))
     found = load_pose(tmp_path / "pose.toml", 0)
     assert (found.table.crs, found.table.dem) == (wkt, 'it\'s "dem".tif')
+    assert found.table.distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]

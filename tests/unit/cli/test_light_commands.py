@@ -119,7 +119,7 @@ def test_marks_of_every_form_and_the_shutter_load_no_heavy_library(recording):
         f"shutter -C {recording[0]}",
     )
     assert all(code == 0 and "marked in" in printed for code, printed in marks), marks
-    assert unknown[0] == 2
+    assert unknown[0] == 3
     assert "b16: " in unknown[1]
     assert shutter[0] == 0
 

@@ -165,12 +165,6 @@ def test_a_shade_test_says_at_once_what_it_does(campaign, recording, b15, argume
     assert event.data.get("for_s") == (420.0 if "--for" in arguments else None)
 
 
-def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):
-    result = run("mark", "-C", campaign, "shade-test", "b51")
-    assert result.exit_code == ConfigError.exit_code
-    assert "b51: " in result.stderr
-
-
 @pytest.fixture
 def noted(campaign):
     """A session with two marks, and its writer, which still runs."""

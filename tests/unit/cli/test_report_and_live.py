@@ -163,12 +163,6 @@ def test_live_shows_minutes_and_records_nothing(campaign, session):
     assert list((campaign / "recordings").glob("*.h5")) == [session]
 
 
-def test_live_needs_no_regions(campaign, tmp_path):
-    toml = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
-    (tmp_path / "fieldkit.toml").write_text(toml.split("[[region]]")[0], encoding="utf-8")
-    succeed("live", "-C", tmp_path, "--png", tmp_path / "now.png", *FAST)
-
-
 def test_live_says_which_instrument_is_missing(campaign, tmp_path):
     toml = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
     gone = toml + '\n[device.second]\ndriver = "lutron"\nport = "/dev/ttyNOSUCH"\n'

@@ -71,11 +71,6 @@ def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path, zon
     assert " UTC " in succeed("ls", tmp_path).stdout.splitlines()[1]
 
 
-def test_ls_lists_what_it_cannot_read(campaign):
-    (campaign / "recordings" / "photo.h5").write_bytes(b"no session")
-    assert "unreadable" in fieldkit("ls", campaign).stdout
-
-
 def test_show_without_a_name_shows_the_newest(campaign):
     assert "three beds" in succeed("show", "-C", campaign / "recordings").stdout
     shown = document("show", campaign / "recordings" / "20261211T025512Z-a.h5")
@@ -158,10 +153,6 @@ def test_lost_samples_are_named_on_the_screen_and_in_json(sealed):
 @pytest.mark.parametrize("verb", ["check", "estimate", "replay", "report", "show"])
 def test_every_verb_offers_to_recover_an_interrupted_session(crashed, verb):
     assert f"fieldkit recover {crashed}" in fieldkit(verb, crashed).stderr
-
-
-def test_a_sealed_session_is_not_offered_to_be_recovered(campaign):
-    assert "recover" not in fieldkit("show", campaign / "recordings" / "20261211T025512Z-a.h5").stderr
 
 
 def test_calibration_says_which_samples_it_is_made_without(tmp_path):

@@ -34,11 +34,6 @@ def test_several_times_and_facets_make_a_table():
     assert [round(float(word[:-1]), 1) for word in lines[-1].split()[-4:]] == [75.9, 72.6, 66.2, 60.2]
 
 
-def test_facets_may_be_left_away():
-    done = run(*PAPER, "--at", "2017-08-30T03:00Z", "--json")
-    assert json.loads(done.stdout)["rows"][0]["facets"] == []
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [

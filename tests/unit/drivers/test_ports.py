@@ -18,7 +18,6 @@ from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotF
 from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
 from tests.harness.next_steps import at, steps
-from tests.harness.rights import ordinary_rights
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 BYTE_NS = 1_041_666  # ten bits at 9600 baud
@@ -152,13 +151,6 @@ def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypat
     assert isinstance(failure, DeviceAccessError)
     assert Action.UDEV_RULES() in steps(failure)
     assert (f"usermod -aG {group}" in str(failure.fix)) == joins
-
-
-def test_port_without_permission_is_an_access_error(tmp_path):
-    forbidden = tmp_path / "tty"
-    forbidden.touch(mode=0)
-    with ordinary_rights(), pytest.raises(DeviceAccessError, match="no permission"):
-        SerialPort(str(forbidden), Line(), HostClock())
 
 
 def settings(**given):

@@ -63,11 +63,6 @@ def test_counts_of_a_temperature_give_it_back(width, height, fpa_raw, t_fpa, cut
     assert decoded.metadata_rows.shape == (4, width)
 
 
-def test_ordinary_frame_is_the_wrong_mode():
-    rejected = decode(frame(np.full((288, 384), 0x8040)))
-    assert "wrong mode" in rejected.reason
-
-
 def test_ends_of_fourteen_bits_are_saturated():
     assert decode(frame(flat(0x3FFE))).quality & Quality.SATURATED
 

@@ -116,11 +116,6 @@ def commands(far):
     return Commands(far, "in the test", HostClock())
 
 
-def test_shutter_command_is_a_short_one(far, commands):
-    commands.calibrate()
-    assert far.written == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
-
-
 def test_information_is_asked_with_a_big_endian_length(far, commands):
     far.reply = b"20220808"
     assert commands.information(1, 8) == b"20220808"

@@ -39,10 +39,6 @@ def test_frame_nodes_are_found_with_their_identity(tmp_path):
     ]
 
 
-def test_computer_without_cameras_has_none(tmp_path):
-    assert cameras(tmp_path) == []
-
-
 @pytest.mark.parametrize(
     ("present", "text"),
     [

@@ -63,14 +63,6 @@ def test_regions_show_the_brightness_of_their_beds(camera, scene):
         assert mean_k == pytest.approx(expected_k, abs=0.5)
 
 
-def test_driver_learns_scale_and_identity_from_the_board(camera):
-    info = camera.info
-    assert (info.shape, info.metadata_shape, info.scale, info.unit) == ((120, 160), (2, 160), 0.01, "K")
-    assert info.model == "500-0771-01"
-    assert info.serial_number
-    assert info.settings["gain"] == "high"
-
-
 def test_frames_come_at_the_rate_of_the_sensor_each_different(camera):
     frames = [camera.read(1.0) for _ in range(30)]
     assert set(np.diff([frame.mono_ns for frame in frames])) == {PERIOD_NS}
