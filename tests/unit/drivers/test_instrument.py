@@ -43,6 +43,7 @@ def test_a_frame_gives_kelvin():
     with Instrument(camera()) as opened:
         frame = opened.read()
     assert opened.device.is_closed
+    assert repr(opened) == "<purethermal at usb:1-1: brightness_temperature [K], 2x2>"
     assert frame.kelvin.dtype == np.float64
     np.testing.assert_allclose(frame.kelvin, [[293.15, 294.15], [300.0, 310.0]])
     assert frame.counts.dtype == np.uint16
