@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, print_if_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, ZONE
+from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--kelvin-at-zero", type=NUMBER, default=0.0, help="Kelvin of count 0 [default: 0].")
 @click.option("--times", type=FILE, metavar="FILE.csv", help="Table of the frames' file names and times.")
 @click.option("--time-format", metavar="FORMAT", help='Time in the frames\' names, such as "%Y%m%dT%H%M%S".')
-@click.option("--zone", type=ZONE, help="Zone of times that have none.")
+@click.option("--zone", metavar="ZONE", help="Zone of times that have none.")
 @click.option(
     "--clock-offset",
     "offset_s",

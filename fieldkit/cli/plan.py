@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, campaign, print_if_json, print_table, say, say_warning
-from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, default_option, minutes
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @click.option("--site", type=SITE, help="Site [default: the campaign's].")
-@click.option("--zone", type=ZONE, help="Time zone to show, like Asia/Tokyo [default: by longitude].")
+@click.option(
+    "--zone", "timezone", metavar="ZONE", help="Zone to show, like Asia/Tokyo [default: by longitude]."
+)
 @click.option("--on", "day", type=DAY, help="Day, in that zone [default: the next].")
 @click.option("--at", type=HOUR, metavar="TIME", help="Start of the session [default: around the best time].")
 @default_option("--for", "session_min", "3h", "Length of the session.", minutes(20, 720))
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
 def command(
     site: Site | None,
-    zone: str | None,
+    timezone: str | None,
     day: date | None,
     at: time | None,
     session_min: int,
@@ -67,7 +69,7 @@ def command(
     from fieldkit.recording.plan import PlanOptions, plan, regions_without_slope, target_facets
 
     config = _campaign(is_needed=not (site and facets))
-    place, estimator = _place(config, site, zone)
+    place, estimator = _place(config, site, timezone)
     if config and not facets:
         facets = target_facets(config)
         for name in regions_without_slope(config):

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Command, print_if_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, NumberRange, default_option, minutes
+from fieldkit.cli.types import DAY, FILE, HOUR, SITE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
 METHODS = click.Choice(["contours", "unit-norm", "posterior"])
@@ -30,7 +30,7 @@ SHOWN = {
 
 @click.command(cls=Command)
 @click.option("--site", type=SITE, help="Site [default: the paper's].")
-@click.option("--zone", type=ZONE, help="Time zone of a --site [default: by longitude].")
+@click.option("--zone", "timezone", metavar="ZONE", help="Time zone of a --site [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day [default: 2017-08-30, the paper's].")
 @click.option("--start", "starts", type=HOUR, multiple=True, help="Local start [default: 9, 12, 15 h].")
 @default_option("--window", "minutes", "20m", "Length of a window.", minutes(2, 720))
@@ -54,7 +54,7 @@ SHOWN = {
 )
 def command(
     site: Site | None,
-    zone: str | None,
+    timezone: str | None,
     weather: Path | None,
     sensitivity: bool,
     sessions: tuple[Path, ...],
@@ -77,7 +77,7 @@ def command(
     from fieldkit.weather import read_station_file
 
     chosen = StudyOptions.of(
-        site=with_zone(site, zone) if site else None,
+        site=with_zone(site, timezone) if site else None,
         weather=read_station_file(weather) if weather else None,
         **assumptions,
     )

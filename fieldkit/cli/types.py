@@ -137,15 +137,6 @@ def parse_rect(text: str) -> tuple[float, float, float, float]:
     return x, y, width, height
 
 
-def parse_zone(text: str) -> str:
-    """An IANA time zone in this computer's database."""
-    from fieldkit.model.site import known_zone  # numpy comes with it
-
-    if known_zone(text) is None:
-        raise ValueError("is not a known time zone; write one like Asia/Tokyo or UTC")
-    return text
-
-
 def parse_or_record(text: str) -> float | str:
     """A number, or ``@NAME`` of a calibration record."""
     if text.startswith("@") and len(text) > 1:
@@ -160,10 +151,7 @@ def parse_kelvin_per_count(text: str) -> float:
 
 def parse_clock_offset(text: str) -> float | Literal["auto"]:
     """Seconds to add to a table's times, or ``auto``."""
-    try:
-        return "auto" if text == "auto" else parse_offset(text)
-    except ConfigError as error:
-        raise ConfigError(error.problem, place=error.place, fix=f"{error.fix}, or auto") from None
+    return "auto" if text == "auto" else parse_offset(text)
 
 
 def parse_key_value(text: str) -> tuple[str, Any]:
@@ -211,7 +199,6 @@ DURATION = _Typed("TIME", parse_duration)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", as_moment)
 DAY = _Typed("YYYY-MM-DD", as_day)
-ZONE = _Typed("ZONE", parse_zone)
 XY = _Typed("X,Y", partial(_numbers, counts=(2,), expected="X,Y like 82,30"))
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)

@@ -68,19 +68,16 @@ def zone_by_longitude(longitude_deg: float) -> str:
 
 def as_site(site: Site | Sequence[float]) -> Site:
     """The site, or that of latitude, longitude and elevation in its zone; raises `ConfigError`."""
-    if not isinstance(site, Site):
-        if not 2 <= len(site) <= 3:
-            fix = "give latitude, longitude and elevation"
-            raise ConfigError(f"{site!r} is not a site", place=Argument("site"), fix=fix)
-        try:
-            latitude_deg, longitude_deg, *elevation_m = site
-            return with_zone(Site(latitude_deg, longitude_deg, *elevation_m), None)  # type: ignore[arg-type]
-        except ConfigError as error:
-            raise ConfigError(error.explanation, place=Argument("site"), fix=error.fix) from error
-    if known_zone(site.timezone) is None:
-        fix = did_you_mean(site.timezone, available_timezones())
-        raise ConfigError(f"unknown time zone {site.timezone!r}", place=Argument("timezone"), fix=fix)
-    return site
+    if isinstance(site, Site):
+        return with_zone(site, site.timezone)
+    if not 2 <= len(site) <= 3:
+        fix = "give latitude, longitude and elevation"
+        raise ConfigError(f"{site!r} is not a site", place=Argument("site"), fix=fix)
+    try:
+        latitude_deg, longitude_deg, *elevation_m = site
+        return with_zone(Site(latitude_deg, longitude_deg, *elevation_m), None)  # type: ignore[arg-type]
+    except ConfigError as error:
+        raise ConfigError(error.explanation, place=Argument("site"), fix=error.fix) from error
 
 
 def apart_m(one: Site, other: Site) -> float:
@@ -92,8 +89,15 @@ def apart_m(one: Site, other: Site) -> float:
 
 
 def with_zone(site: Site, zone: str | None) -> Site:
-    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
-    return replace(site, timezone=zone or zone_by_longitude(site.longitude_deg))
+    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich.
+
+    Raises `ConfigError` for a zone that this computer does not have.
+    """
+    name = zone or zone_by_longitude(site.longitude_deg)
+    if known_zone(name) is None:
+        fix = did_you_mean(name, available_timezones())
+        raise ConfigError(f"unknown time zone {name!r}", place=Argument("timezone"), fix=fix)
+    return replace(site, timezone=name)
 
 
 @lru_cache

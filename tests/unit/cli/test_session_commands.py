@@ -350,7 +350,7 @@ def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path):
             invoke("import", table, "--as", name, "--site=1,2")
         assert error.value.place == Argument("name")
     wrong = fieldkit("import", table, "--clock-offset", "soon", "--site=1,2")
-    assert "-2m, or auto" in wrong.stderr
+    assert "-2m" in wrong.stderr
 
 
 def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path):
