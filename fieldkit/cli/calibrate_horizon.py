@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, number_option, parse_frame
+from fieldkit.cli.types import FILE, FRAME, MOMENT, NEW_FILE, NUMBER, number_option
 
 
 @click.command(cls=common.Command)
@@ -21,14 +21,14 @@ from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, number_option, pa
 @click.option("--skyline", type=FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
 @click.option("--pose", "pose_file", type=FILE, help="Pose of the camera that saw them.")
 @click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
-@click.option("--frame", metavar="COLSxROWS", help="Size of its frame: 160x120.")
+@click.option("--frame", "shape", type=FRAME, help="Size of its frame: 160x120.")
 @click.option(
     "--regions", is_flag=True, help="Regions with points_m: where each one's neighbours rise above it."
 )
 @click.option("-o", "--out", type=NEW_FILE, default="horizon.csv", show_default=True, help="File to write.")
 def command(
     dem: Path | None, crs: str | None, place: tuple[float, float] | None, nearest_m: float,
-    skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None,
+    skyline: Path | None, pose_file: Path | None, moment: datetime | None, shape: tuple[int, int] | None,
     regions: bool, out: Path,
 ) -> None:  # fmt: skip
     r"""Find the horizon of a place from a DEM, from pixels on the skyline of a frame, or by other regions.
@@ -51,8 +51,8 @@ def command(
 
     if dem and crs and place and not skyline:
         skyline_horizon = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
-    elif skyline and pose_file and frame and not dem:
-        skyline_horizon = horizon_from_skyline(skyline, pose_file, parse_frame(frame), at=moment)
+    elif skyline and pose_file and shape and not dem:
+        skyline_horizon = horizon_from_skyline(skyline, pose_file, shape, at=moment)
     else:
         raise click.UsageError(
             "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, number_option, parse_frame
+from fieldkit.cli.types import FILE, FRAME, LENS, NEW_FILE, NUMBER, number_option
 
 
 @click.command(cls=common.Command)
 @click.argument("points", type=FILE)
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
-@click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
+@click.option("--frame", "shape", type=FRAME, required=True, help="Size of the camera's frame: 160x120.")
 @number_option(
     "--hfov-deg", "hfov_deg", None, "Horizontal field of view [default: found as well].", metavar="DEG"
 )
 @number_option("--mark-sd-px", "mark_sd_px", 1.0, "Standard uncertainty of a mark.", metavar="PX")
-@click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")
+@click.option("--distortion", type=LENS, default=(), help="Of the lens, as OpenCV's calibration gives it.")
 @click.option("--range-m", type=NUMBER, default=100.0, show_default=True, help="Farther ground is omitted.")
 @click.option("--ground-m", type=NUMBER, metavar="M", help="Height of level ground; or give --dem.")
 @click.option("--dem", metavar="FILE", help="GeoTIFF of heights, by its path from the folder of the pose.")
 @click.option("-o", "--out", type=NEW_FILE, default="pose.toml", show_default=True, help="File to write.")
 def command(
-    points: Path, crs: str, frame: str, hfov_deg: float | None, mark_sd_px: float, range_m: float,
-    ground_m: float | None, dem: str | None, out: Path, distortion: str | None,
+    points: Path, crs: str, shape: tuple[int, int], hfov_deg: float | None, mark_sd_px: float, range_m: float,
+    ground_m: float | None, dem: str | None, out: Path, distortion: tuple[float, ...],
 ) -> None:  # fmt: skip
     r"""Find the pose of a camera from four or more surveyed POINTS marked in a frame.
 
@@ -40,11 +39,9 @@ def command(
     from fieldkit.calibrate.pose import pose
     from fieldkit.views.formatting import number
 
-    shape = parse_frame(frame)
     if (ground_m is None) == (dem is None):
         raise click.UsageError("give one of --ground-m, --dem")
-    lens = () if distortion is None else _lens(distortion)
-    camera_pose = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
+    camera_pose = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=distortion)
     camera_pose.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
     residuals = [float(residual) for residual in camera_pose.fit.residuals_px]
     fit = {"pose": camera_pose.values, "sd": camera_pose.fit.sd, "residuals_px": residuals}
@@ -59,13 +56,3 @@ def command(
     click.echo(f"the grid of {crs} is corrected: {camera_pose.grid}")
     click.echo(f"wrote {out}")
     common.say(f'next: fieldkit map --pose {out}, or pose = "{out}" under [camera] in fieldkit.toml')
-
-
-def _lens(text: str) -> tuple[float, ...]:
-    try:
-        lens = tuple(float(term) for term in text.split(","))
-    except ValueError:
-        lens = ()
-    if len(lens) != 5 or not all(map(math.isfinite, lens)):
-        raise click.UsageError(f"--distortion {text}: write five numbers, such as -0.3,0.1,0,0,0")
-    return lens

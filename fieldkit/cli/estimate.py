@@ -91,13 +91,8 @@ def command(
             "give one table alone, or several of one place with --together; sessions apart"
         )
     if all(are_tables):
-        if out is not None:
-            raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
-        if any(chosen.values()) or against or jobs is not None or address is not None:
-            raise click.UsageError(
-                "--campaign, --without-mark, --against and workers are for sessions; "
-                "a table takes --site and --set"
-            )
+        if any((out, *chosen.values(), against, jobs, address)):
+            raise click.UsageError("a table takes --site, --reference-facet, --set; to write: --json > FILE")
         _estimate_tables(sessions, site, reference, settings)
         return
     paths = find_sessions(sessions)

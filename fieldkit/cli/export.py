@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, is_interactive, print_if_json, progress
 from fieldkit.cli.session_paths import latest_session
-from fieldkit.cli.types import PATH, default_option, parse_speed
+from fieldkit.cli.types import PATH, SPEED
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.next_step import Action
 from fieldkit.palettes import NAMES
@@ -22,7 +22,7 @@ MOST_NAMES = 10
 FORMATS = "\n".join(f"{name:<10} {export_format.meaning}" for name, export_format in EXPORTS.items())
 
 
-# options but --speed go into `export` under its own names
+# options go into `export` under its own names
 @click.command(cls=Command, help=f"Write SESSION (default: the latest) for other programs.\n\n\b\n{FORMATS}")
 @click.argument("session", required=False, type=PATH)
 @click.option("--to", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
@@ -33,27 +33,24 @@ FORMATS = "\n".join(f"{name:<10} {export_format.meaning}" for name, export_forma
     "--from", "begin", metavar="TIME", help="Only frames since 12:31, 2026-12-11T12:31 or -5m (from the end)."
 )
 @click.option("--until", metavar="TIME", help="Only frames up to then.")
-@default_option(
-    "--speed", "speed", "max", "Session seconds per second of video; max: 25 frames.", metavar="N|max"
-)
+@click.option("--speed", type=SPEED, help="Session seconds per second of video. [default: max, 25 frames]")
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
 @click.option(
     "--license", metavar="SPDX", help="Licence of an RO-Crate, such as CC-BY-4.0; written to fieldkit.toml."
 )
-def command(session: Path | None, to: str, speed: str, **options: Any) -> None:
+def command(session: Path | None, to: str, **options: Any) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import campaign_facts, export
     from fieldkit.sessions.reader import open_session
 
     path = latest_session(session)
-    factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
         if "license" in EXPORTS[to].takes and is_interactive() and not options["license"]:
             known = campaign_facts(opened)["license"]
             options["license"] = known or click.prompt("Licence of the data", "CC-BY-4.0", err=True)
         frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
         task = bar.add_task(f"writing {to}", total=frames)
-        exported = export(opened, to, speed=factor, on_frame=lambda: bar.advance(task), **options)
+        exported = export(opened, to, on_frame=lambda: bar.advance(task), **options)
     _print(path, exported)
     if exported.problems:
         raise IntegrityError(f"{'; '.join(exported.problems)}", place=path, fix=Action.CHECK(path))

@@ -42,10 +42,6 @@ def command(
         return
     from fieldkit.recording.campaign import init_campaign
 
-    if simulated and (site or timezone):
-        raise click.UsageError("--simulated brings its own site: omit --site and --zone")
-    if timezone and site is None:
-        raise click.UsageError("--zone needs --site")
     folder = (options().directory or Path()) / folder
     asks = is_interactive() and not (yes or simulated)
     if asks and site is None:

@@ -11,7 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
-from fieldkit.cli.types import PATH, parse_speed
+from fieldkit.cli.types import PATH, SPEED
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator
@@ -21,21 +21,18 @@ if TYPE_CHECKING:
 
 @click.command(cls=common.Command)
 @click.argument("session", type=PATH)
-@click.option(
-    "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
-)
+@click.option("--speed", type=SPEED, default="60", show_default=True, help="Session seconds per real second.")
 @common.set_option
-def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
+def command(session: Path, speed: float, settings: tuple[str, ...]) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     from fieldkit.recording.replay import replay
     from fieldkit.results.estimate import as_document
     from fieldkit.results.json_document import learnt_document
 
-    factor = parse_speed(speed)
     session = find_session(session)
     report_interrupted([session])
-    is_shown = not (math.isinf(factor) or common.options().json)
-    summary = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
+    is_shown = not (math.isinf(speed) or common.options().json)
+    summary = replay(session, speed=speed, settings=settings, view_of=_view if is_shown else None)
     slopes = summary.estimates
     documents, learnt = list(map(as_document, slopes.values())), learnt_document(summary.learnt)
     if common.print_if_json({"session": str(session), "slopes": documents, "learnt": learnt}):

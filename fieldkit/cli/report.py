@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.failure import explain
+from fieldkit.cli.batch import raise_failures
 from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.cli.types import PATH
-from fieldkit.model.errors import SessionError
 from fieldkit.model.installation import install_extra
 from fieldkit.palettes import NAMES
 
@@ -60,10 +59,7 @@ def command(
     _print(pages)
     if show:
         webbrowser.open(pages.path.resolve().as_uri())
-    if pages.failures:
-        for error in pages.failures.values():
-            explain(error)
-        raise SessionError(f"{len(pages.failures)} of {len(paths)} sessions are not in the report")
+    raise_failures(pages.failures, paths)
 
 
 def _print(pages: Report) -> None:

@@ -77,14 +77,12 @@ def add(
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import add_region
 
-    if (first is None) == (rect is None) or (rect and more):
-        raise click.UsageError("give the corners by --points, or a rectangle by --rect")
-    if (pose is not None or ground) and first is None:
+    if (pose is not None or ground) and rect is not None:
         raise click.UsageError("--pose and --ground are for --points")
     if pose is not None and ground:
         raise click.UsageError("give --pose or --ground, not both")
     file = campaign_file()
-    corners = [first, *more] if first else []
+    corners = [first, *more] if first else list(more)
     points = corners if pose is None else _on_frame(file, pose, corners)
     where: dict[str, Any] = {"points": points, "is_ground": ground, "rect": rect}
     addition = partial(add_region, name=name, **where, **_stated_properties(properties))
@@ -162,12 +160,7 @@ def edit(name: str, shrink: float | None, **properties: float | str | None) -> N
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import edit_region
 
-    edits = _stated_properties(properties)
-    if shrink is None and not edits:
-        raise click.UsageError(
-            "give what to change: --shrink, --reference, --tilt, --azimuth, --emissivity or --offset"
-        )
-    file = campaign_file()
+    file, edits = campaign_file(), _stated_properties(properties)
     changes, reply = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **edits))
     _print_change(file, name, {"region": {"name": name, **changes}}, "changed in", reply)
 

@@ -154,6 +154,22 @@ def parse_clock_offset(text: str) -> float | Literal["auto"]:
     return "auto" if text == "auto" else parse_offset(text)
 
 
+def parse_frame(text: str) -> tuple[int, int]:
+    """Rows and columns of ``COLSxROWS``."""
+    size = re.fullmatch(r"(\d+)x(\d+)", text)
+    if size is None or not (int(size[1]) and int(size[2])):
+        raise ValueError("write columns x rows, such as 160x120")
+    return int(size[2]), int(size[1])
+
+
+def parse_speed(text: str) -> float:
+    """A positive number, or infinity for ``max``."""
+    speed = inf if text == "max" else _number(text, "a positive number or max")
+    if not speed > 0.0:
+        raise ValueError("expected a positive number or max")
+    return speed
+
+
 def parse_key_value(text: str) -> tuple[str, Any]:
     """``KEY=VALUE``; the value as TOML reads it, or the text itself."""
     key, equals, value = text.partition("=")
@@ -201,28 +217,14 @@ MOMENT = _Typed("TIME", as_moment)
 DAY = _Typed("YYYY-MM-DD", as_day)
 XY = _Typed("X,Y", partial(_numbers, counts=(2,), expected="X,Y like 82,30"))
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
+LENS = _Typed(
+    "K1,K2,P1,P2,K3", partial(_numbers, counts=(5,), expected="five numbers, such as -0.3,0.1,0,0,0")
+)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
 RECORD_NAME = _Typed("NAME", require_name)
 KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
+FRAME = _Typed("COLSxROWS", parse_frame)
+SPEED = _Typed("N|max", parse_speed)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
 INSTRUMENT = _Typed("IDENTITY=DRIVER[,KEY=VALUE]", parse_instrument)
-
-
-def parse_frame(text: str) -> tuple[int, int]:
-    """Rows and columns of ``COLSxROWS``; raises `click.UsageError`."""
-    size = re.fullmatch(r"(\d+)x(\d+)", text)
-    if size is None or not (int(size[1]) and int(size[2])):
-        raise click.UsageError(f"--frame {text}: write columns x rows, such as 160x120")
-    return int(size[2]), int(size[1])
-
-
-def parse_speed(text: str) -> float:
-    """A positive number, or infinity for ``max``; raises `click.UsageError`."""
-    try:
-        speed = inf if text == "max" else float(text)
-    except ValueError:
-        speed = nan
-    if not speed > 0:
-        raise click.UsageError(f"{text!r} is not a valid speed; use a positive number or max")
-    return speed

@@ -19,7 +19,7 @@ from fieldkit.model.door import checked
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import NumberedEnum
-from fieldkit.model.spelling import did_you_mean
+from fieldkit.model.spelling import nearest
 from fieldkit.phrases import Words
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -95,7 +95,7 @@ def with_zone(site: Site, zone: str | None) -> Site:
     """
     name = zone or zone_by_longitude(site.longitude_deg)
     if known_zone(name) is None:
-        fix = did_you_mean(name, available_timezones())
+        fix = f"write one like {nearest(name, available_timezones()) or 'Asia/Tokyo'}"
         raise ConfigError(f"unknown time zone {name!r}", place=Argument("timezone"), fix=fix)
     return replace(site, timezone=name)
 

@@ -120,9 +120,9 @@ def test_what_is_there_is_never_overwritten(init, tmp_path, name):
     ("arguments", "code", "said"),
     [
         (("--site", "35,139", "--zone", "Asia/Tokio"), 3, "Asia/Tokyo?"),
-        (("--site", "35,400"), 2, "longitude within -180..180"),
-        (("--zone", "Asia/Tokyo"), 2, "needs --site"),
-        (("--simulated", "--site", "35,139"), 2, "brings its own site"),
+        (("--site", "35,400"), 2, "-180 to 180"),
+        (("--zone", "Asia/Tokyo"), 3, "--site"),
+        (("--simulated", "--site", "35,139"), 3, "brings its own site"),
     ],
 )
 def test_what_makes_no_campaign_writes_nothing(init, tmp_path, arguments, code, said):

@@ -14,6 +14,7 @@ import fieldkit
 from fieldkit.cli import main
 from fieldkit.cli.next_steps import COMMANDS, RUNNING, in_commands
 from fieldkit.model.next_step import Action, Argument
+from fieldkit.results.session import Stream
 
 ROOT = Path(__file__).parents[3]
 ROOMS = ("fieldkit", "drivers", "sessions", "calibration")
@@ -74,7 +75,7 @@ def commands_of(group: click.Group) -> Iterator[click.Command]:
 
 def parameters_in_python() -> set[str]:
     """The parameters of the public functions and classes, and of the methods of these classes."""
-    public = [getattr(fieldkit, name) for name in fieldkit.__all__]
+    public = [Stream, *(getattr(fieldkit, name) for name in fieldkit.__all__)]
     methods = [method for thing in public for _, method in inspect.getmembers(thing, inspect.isfunction)]
     return {
         name

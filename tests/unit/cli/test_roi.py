@@ -91,8 +91,8 @@ def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, refused, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("b15",), 2, "--points, or a rectangle"),
-        (("b15", "--rect", "1,1,9,9", "--points", "1,1"), 2, "--points, or a rectangle"),
+        (("b15",), 3, "--points or --rect"),
+        (("b15", "--rect", "1,1,9,9", "--points", "1,1"), 3, "--points or --rect"),
         (("b15", "--rect", "1,1,9,1"), 2, "at least 2 pixels"),
         (("b15", "--rect", "1,1,9,9", "--ground"), 2, "--pose and --ground are for --points"),
         (("b15", "--ground", "--points", "1,1", "2,2", "3,1"), 3, "camera.pose"),
@@ -158,7 +158,7 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("b15",), 2, "give what to change"),
+        (("b15",), 3, "nothing is to change"),
         (("b16", "--shrink", "2"), 3, "b15"),
         (("b15", "--shrink", "16"), 3, "b15: "),
         (("flat", "--tilt", "15"), 3, "azimuth"),

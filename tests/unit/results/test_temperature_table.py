@@ -321,8 +321,8 @@ def test_the_reference_may_slope(table):
         ((*OF_SITE, "x.h5"), "--together"),
         ((*OF_SITE, "x.h5", "--together"), "--together"),
         ((*OF_SITE, "-o", "out"), "--json > FILE"),  # the slopes of a table go into no file
-        ((*OF_SITE, "--campaign"), "--campaign"),
-        ((*OF_SITE, "-j", 2), "workers"),
+        ((*OF_SITE, "--campaign"), "--site"),
+        ((*OF_SITE, "-j", 2), "--site"),
     ],
 )
 def test_what_a_table_does_not_take_is_wrong_usage(table, words, option):
