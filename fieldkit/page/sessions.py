@@ -162,18 +162,13 @@ class PastSessions:
 
     async def _make(self, kind: str, session: Path, file: Path) -> str:
         async with self._one_job:
+            command = ["report", str(session), *(["-o", str(file)] if kind == "image" else [])]
             if kind == "timelapse":
-                return await self._make_film(session, file)
-            out = () if kind == "report" else ("-o", str(file))
-            code, _, errors = await _fieldkit("report", str(session), *out)
-        return "" if code == 0 else command_error(errors, PageError("failed")).words
-
-    async def _make_film(self, session: Path, file: Path) -> str:
-        """A film of frames at even intervals; the first camera's, where a session has several."""
-        camera, every = await asyncio.to_thread(_film_frames, session)
-        chosen = ("--to", "video", "--stream", camera, "--every", str(every), "-o", str(file.parent))
-        code, output, errors = await _fieldkit("export", str(session), *chosen)
-        if code == 0:
+                camera, every = await asyncio.to_thread(_film_frames, session)
+                chosen = ["--to", "video", "--stream", camera, "--every", str(every)]
+                command = ["export", str(session), *chosen, "-o", str(file.parent)]
+            code, output, errors = await _fieldkit(*command)
+        if code == 0 and kind == "timelapse":
             Path(json.loads(output)["files"][0]).replace(file)
         return "" if code == 0 else command_error(errors, PageError("failed")).words
 

@@ -39,28 +39,19 @@ _CLOSED_AGAIN_S = 0.1  # how often a held clock checks whether it was closed
 _POLL_S = 0.02  # how often descriptors are polled while real time has to pass
 
 
-def _closed_gate() -> threading.Lock:
-    """A lock that is held: acquiring it again waits until it is released, at less cost than an event."""
-    gate = threading.Lock()
-    gate.acquire()
-    return gate
-
-
 @dataclass(eq=False, slots=True)
 class _Waiter:
-    """One waiting thread: until when, for which descriptor, and what became of it."""
+    """One waiting thread: until when, for which descriptor, and what became of it.
+
+    It looks again at its `turn`: its wait is over, or it is to move time.
+    """
 
     deadline_ns: float
     thread: str
     fd: int | None
-    gate: threading.Lock = field(default_factory=_closed_gate)
+    turn: threading.Event = field(default_factory=threading.Event)
     is_over: bool = False
     is_readable: bool = False
-
-    def wake(self) -> None:
-        """Let the thread look again: its wait is over, or it is to move time."""
-        if self.gate.locked():
-            self.gate.release()
 
 
 class SimulatedClock:
@@ -157,7 +148,7 @@ class SimulatedClock:
         with self._lock:
             self._closed = True
             for waiter in self._waiters.values():
-                waiter.wake()
+                waiter.turn.set()
 
     def __enter__(self) -> SimulatedClock:
         return self
@@ -204,7 +195,8 @@ class SimulatedClock:
                 if self._is_mover(me):
                     self._one_step()
                 else:
-                    waiter.gate.acquire()
+                    waiter.turn.wait()
+                    waiter.turn.clear()
         finally:  # also when a signal ends the wait
             with self._lock:
                 self._waiters.pop(me, None)
@@ -239,7 +231,7 @@ class SimulatedClock:
     def _wake_a_mover(self) -> None:
         """Once all that are left wait, let one move time: none will come and wait last. Needs the lock."""
         if self._mover is None and self._all_wait():
-            next(iter(self._waiters.values())).wake()
+            next(iter(self._waiters.values())).turn.set()
 
     def _all_wait(self) -> bool:
         return bool(self._waiters) and self._taking_part.keys() <= self._waiters.keys()
@@ -329,7 +321,7 @@ class SimulatedClock:
         """End a thread's wait. Needs the lock."""
         waiter = self._waiters.pop(thread)
         waiter.is_readable, waiter.is_over = is_readable, True
-        waiter.wake()
+        waiter.turn.set()
 
     def _act(self, act: Callable[[], None]) -> None:
         """Let an instrument act; its failure is raised in every waiting thread."""

@@ -69,9 +69,7 @@ class TerrainSeries:
 
     def at(self, time_ns: int) -> SingleArray:
         """Brightness temperatures (pixels,) at one time by linear interpolation; constant beyond the ends."""
-        place = (time_ns - self.origin_ns) / SECOND_NS / (self.time_s[1] - self.time_s[0])
-        place = min(max(place, 0.0), len(self.time_s) - 1.0)
-        before = min(int(place), len(self.time_s) - 2)
-        share = np.float32(place - before)
+        place = np.clip((time_ns - self.origin_ns) / SECOND_NS / self.time_s[1], 0.0, self.time_s.size - 1.0)
+        before = min(int(place), self.time_s.size - 2)
         earlier, later = self.brightness_k[before : before + 2]
-        return np.asarray(earlier + share * (later - earlier))
+        return np.asarray(earlier + np.float32(place - before) * (later - earlier))
