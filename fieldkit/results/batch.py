@@ -19,7 +19,7 @@ from fieldkit.results.executors import results
 from fieldkit.results.minutes import Outcome, Run, estimate_runs, run_of
 from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates, budget_columns
-from fieldkit.results.sources import ONE, SessionOrFile, Source, path_of, source_of
+from fieldkit.results.sources import SessionOrFile, Source, path_of, source_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,22 +61,6 @@ def each(
         outcomes[path] = result
         on_progress(len(outcomes), len(paths))
     return BySession({path: outcomes[path] for path in paths})
-
-
-def one_or_each(
-    function: Callable[..., Result],
-    sessions: SessionOrFile | Iterable[SessionOrFile],
-    executor: Executor | None,
-    *arguments: Any,
-    **options: Any,
-) -> Result | BySession[Result]:
-    """The result for a session, whose error is raised, or those for several."""
-    if not isinstance(sessions, ONE):
-        return each(function, sessions, executor, *arguments, **options)
-    by_session = each(function, [sessions], executor, *arguments, **options)
-    for error in by_session.failures.values():
-        raise error
-    return next(iter(by_session.values()))
 
 
 Estimate = Callable[[Sequence[Run]], Iterable[Outcome]]
@@ -167,14 +151,6 @@ class EstimatedSessions:
     def paths(self) -> dict[str, Path]:
         """The file of each session by its name."""
         return {name: path for path, name in session_names(self.sources).items()}
-
-    @property
-    def only(self) -> Estimates:
-        """The estimates of a single session; raises its error if it could not be estimated."""
-        if not self.estimates:
-            raise next(iter(self.failures.values()))
-        (estimates,) = self.estimates.values()
-        return estimates
 
     @property
     def about(self) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.phrases import Words
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
-from fieldkit.results.batch import BySession, one_or_each
+from fieldkit.results.batch import BySession, each
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import ONE, SessionOrFile, config_for, path_of
 from fieldkit.sessions import check as file_check
@@ -93,8 +93,8 @@ def check(  # type: ignore[misc]  # the options above are those below
 ) -> CheckedSession | BySession[CheckedSession]:
     """Check a session, its file, or several: checksums, gaps, rates, clocks, units, with `estimates` slopes.
 
-    `executor` is any of `concurrent.futures`, whose workers check; this process unless given. Of several
-    sessions the checks are returned by file.
+    Of several sessions the checks are returned by file; `executor` is any of `concurrent.futures`, whose
+    workers check them, this process unless given.
 
     Slopes are estimated again from the stored samples and compared with those the recording stored, unless
     this version recorded them with these settings on this computer. Nothing is changed. What is wrong is a
@@ -108,8 +108,8 @@ def check(  # type: ignore[misc]  # the options above are those below
     >>> checked.findings[0].text
     'sealed: every sample was compared with the journal'
     """
-    if executor is not None or not isinstance(session, ONE):
-        return one_or_each(check, session, executor, estimates=estimates)
+    if not isinstance(session, ONE):
+        return each(check, session, executor, estimates=estimates)
     path = path_of(session)
     findings = file_check.check(path)
     if not any(finding.what == "file" for finding in findings):

@@ -73,7 +73,7 @@ def estimate(
     without_marks
         Numbers (see `Session.marks`) or texts of marks that have no effect on the slopes.
     executor
-        Any of `concurrent.futures`, whose workers estimate; this process unless given.
+        Any of `concurrent.futures`, whose workers estimate those of several; this process unless given.
 
     Returns
     -------
@@ -105,12 +105,10 @@ def estimate(
     if model is not None:
         keys["estimator.model"] = model
     chosen: dict[str, Any] = {"present": present, "regions": regions, "without_marks": without_marks}
-    if executor is None and isinstance(session, ONE):
+    if isinstance(session, ONE):
         with reading(session) as opened:
             return estimate_run(run_of(source_of(opened, **chosen), settings_from(keys)), opened)
-    paths = map(path_of, [session] if isinstance(session, ONE) else session)
-    estimated = estimate_sessions(paths, settings_from(keys), executor=executor, **chosen)
-    return estimated.only if isinstance(session, ONE) else estimated
+    return estimate_sessions(map(path_of, session), settings_from(keys), executor=executor, **chosen)
 
 
 def estimate_tables(

@@ -19,7 +19,7 @@ from fieldkit.model.mark_times import moment_of, parse_when
 from fieldkit.model.next_step import Argument
 from fieldkit.model.spelling import did_you_mean
 from fieldkit.model.text_file import parse_toml, read_text
-from fieldkit.results.batch import BySession, one_or_each
+from fieldkit.results.batch import BySession, each
 from fieldkit.results.result_files import campaign_folder
 from fieldkit.results.sources import ONE, SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
@@ -83,7 +83,7 @@ def export(  # type: ignore[misc]  # the options above are those below
         Of an RO-Crate, by default the campaign's: an SPDX identifier such as ``"CC-BY-4.0"``, or an address.
         It is written to ``fieldkit.toml``.
     executor : Executor, optional
-        Any of `concurrent.futures`, whose workers read and write; this process unless given.
+        Any of `concurrent.futures`, whose workers write those of several; this process unless given.
     on_frame : callable, optional
         Called at each frame of the session, for progress; not in other processes.
 
@@ -103,13 +103,13 @@ def export(  # type: ignore[misc]  # the options above are those below
     if to not in EXPORTS:
         raise ConfigError("not a kind of export", place=Argument("to", to), fix=did_you_mean(to, EXPORTS))
     chosen = EXPORTS[to]
-    options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
+    options: dict[str, Any] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
     options["license"] = license
-    times = {"begin": begin, "until": until}
+    times: dict[str, Any] = {"begin": begin, "until": until}
     _refuse_unused(to, {**options, **times})
-    if executor is not None or not isinstance(session, ONE):
-        write = export if folder is None or isinstance(session, ONE) else _export_into
-        return one_or_each(write, session, executor, to, folder, **options, **times)
+    if not isinstance(session, ONE):
+        write = export if folder is None else _export_into
+        return each(write, session, executor, to, folder, **options, **times)
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
         options["on_frame"] = on_frame

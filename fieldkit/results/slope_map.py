@@ -48,7 +48,7 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.results.batch import BySession, Failures, Progress, no_progress, one_or_each
+from fieldkit.results.batch import BySession, Failures, Progress, each, no_progress
 from fieldkit.results.cache import code_version
 from fieldkit.results.executors import results
 from fieldkit.results.json_document import attributes
@@ -342,9 +342,9 @@ def slope_map(  # type: ignore[misc]  # the options above are those below
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
     executor
-        Any of `concurrent.futures`, whose workers map; this process unless given.
+        Any of `concurrent.futures`, whose workers map those of several; this process unless given.
     on_progress
-        Called with the frames read so far and their number; by an executor and of several, with sessions.
+        Called with the frames read so far and their number; of several, with sessions.
 
     Returns
     -------
@@ -368,9 +368,9 @@ def slope_map(  # type: ignore[misc]  # the options above are those below
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
     [('flat', 3), ('b05', 6), ('b15', 16), ('b25', 27)]
     """
-    if executor is not None or not isinstance(session, ONE):
+    if not isinstance(session, ONE):
         chosen: dict[str, Any] = {"settings": settings, "present": present}
-        return one_or_each(slope_map, session, executor, window, on_progress=on_progress, **chosen)
+        return each(slope_map, session, executor, window, on_progress=on_progress, **chosen)
     with reading(session) as opened:
         return _map_session(opened, window, tuple(settings_from(settings)), present, on_progress)
 

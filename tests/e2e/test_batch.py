@@ -155,12 +155,10 @@ def test_everything_comes_from_an_executor_of_a_cluster_as_from_here(
         ]
         maps = fieldkit.slope_map(paths, settings=full, **by)
         checks = fieldkit.check(paths, estimates=False, **by)
-        one = fieldkit.estimate(paths[0], full, **by)
         return {
             "files": [path.read_bytes() for path in written],
             "maps": [session_map.slopes.tilt_deg.tobytes() for session_map in maps.values()],
             "checks": [checked.findings for checked in checks.values()],
-            "one": one.rows.tobytes(),
         }
 
     with Client(address, set_as_default=False) as client:
