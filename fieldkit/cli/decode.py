@@ -28,26 +28,22 @@ _MAX_ROWS = 200
 @click.command(cls=Command)
 @click.argument("driver")
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
-@click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
-@click.option("--option", "pairs", type=KEY_VALUE, multiple=True, help="An option of the driver.")
-def command(
-    driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[tuple[str, Any], ...]
-) -> None:
+@click.option(
+    "--option", "pairs", type=KEY_VALUE, multiple=True, help="An option of the driver, such as map of modbus."
+)
+def command(driver: str, data: tuple[str, ...], pairs: tuple[tuple[str, Any], ...]) -> None:
     r"""Decode bytes of an instrument: values, flags, or why they are rejected.
 
     The bytes come as hexadecimal, in a file, or on standard input (-).
 
     \b
     fieldkit decode lutron 02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D
-    fieldkit decode modbus --map kipp-smp "01 04 10 ..."
+    fieldkit decode modbus --option map=kipp-smp "01 04 10 ..."
     fieldkit decode purethermal frame.raw --json
     """
     from fieldkit.drivers import registry
 
-    driver_options = dict(pairs)
-    if register_map is not None:
-        driver_options["map"] = register_map
-    decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), driver_options)
+    decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), dict(pairs))
     if not print_if_json(as_document(decoded)):
         _print(decoded)
 

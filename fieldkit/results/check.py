@@ -19,7 +19,7 @@ from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.learned.inputs import doubtful
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.arrays import BoolArray, FloatArray
+from fieldkit.model.arrays import BoolArray
 from fieldkit.model.errors import ConfigError, RefusedError, message_of
 from fieldkit.model.finding import Finding, worst
 from fieldkit.model.installation import DISTRIBUTION
@@ -309,9 +309,8 @@ def _over_k(minute: Minute, region: str, references: Sequence[str]) -> float:
 
 def _runs(condition: BoolArray) -> list[tuple[int, int]]:
     """First and last index of every run in which a condition (n,) holds."""
-    edges: FloatArray = np.diff(np.concatenate([[0], condition.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
+    edges = np.flatnonzero(np.diff(np.pad(condition.astype(int), 1))).reshape(-1, 2)
+    return [(first, end - 1) for first, end in edges.tolist()]
 
 
 def _times(minutes: Sequence[Minute], chosen: BoolArray) -> str:

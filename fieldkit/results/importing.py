@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 from zoneinfo import ZoneInfo
 
-from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config import Config, NoCampaignError, find_campaign, load_config
 from fieldkit.config.template import PAPER_SITE
 from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
@@ -299,11 +299,9 @@ def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
 def _campaign_or_none(start: Path, notify: Callable[[str], None]) -> Config | None:
     """The configuration of the campaign around a folder; None without one, or if it has mistakes."""
     try:
-        file = find_campaign(start)
-    except ConfigError:
+        return load_config(find_campaign(start))
+    except NoCampaignError:
         return None
-    try:
-        return load_config(file)
     except FieldkitError as error:
         notify(f"the campaign is ignored: {error.message}")
         return None

@@ -74,7 +74,7 @@ def test_file_and_standard_input_are_read(tmp_path):
 def test_modbus_without_a_map_gives_raw_registers():
     raw = document("decode", "modbus", SMP)["readings"]
     assert [reading["value"] for reading in raw] == [1, 1, 1, 8437, 8391, 3, 313, 121]
-    mapped = document("decode", "modbus", "--map", "kipp-smp", SMP)["readings"]
+    mapped = document("decode", "modbus", "--option", "map=kipp-smp", SMP)["readings"]
     assert mapped[0]["value"] == pytest.approx(843.7)
     assert "void_data" in mapped[0]["flags"]
 
@@ -110,7 +110,7 @@ def test_options_of_the_driver_can_be_given():
         (("lutron", "02 3"), 3, "'02 3': "),
         (("lutron", "hello"), 3, "'hello': "),
         (("lutrn", "02"), 3, "lutron?"),
-        (("modbus", "01", "--map", "nothing"), 3, "nothing: "),
+        (("modbus", "01", "--option", "map=nothing"), 3, "nothing: "),
         (("lutron", "02", "--option", "x"), 2, "'x': "),
     ],
 )
