@@ -250,6 +250,13 @@ def test_the_session_leads(tmp_path):
     assert (found["session"]["minutes"], found["session"]["logged"]) == (180, [])
 
 
+def test_a_day_without_a_usable_window_has_no_session():
+    # the sun reaches 3 degrees at noon: below the plan's limit of 8
+    found = document("--site", "63.4,10.4", "--on", "2026-12-21", "--facet", "15,180")
+    assert found["prediction"] is None
+    assert any("measured" in line for line in found["warnings"])
+
+
 def test_a_slope_that_the_sun_never_reaches_hides_no_window():
     # at noon of midwinter the sun stands at 21 degrees: behind a slope of 30 degrees to the north all day
     words = ("--site", "45,10,100", "--on", "2026-12-21", "--facet", "15,180")

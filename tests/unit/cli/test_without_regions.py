@@ -1,7 +1,6 @@
 """Sessions of which nobody has drawn regions yet, such as one just imported."""
 
 import json
-import re
 import warnings
 
 import pytest
@@ -13,6 +12,7 @@ from fieldkit.recording.regions import read_regions
 from fieldkit.recording.simulated_scene import scene_of
 from fieldkit.simulation.scene import BEDS
 from tests.harness.command_line import fieldkit, invoke, succeed
+from tests.harness.field_page_journey import empty_campaign
 from tests.harness.next_steps import steps
 
 
@@ -56,12 +56,7 @@ def test_a_scale_without_a_known_bed_is_refused_without_a_warning(session):
 @pytest.fixture
 def undrawn(tmp_path):
     """A simulated campaign before anybody has drawn a region."""
-    folder = tmp_path / "undrawn"
-    succeed("init", "--simulated", folder)
-    file = folder / "fieldkit.toml"
-    tables = re.split(r"(?m)^(?=\[)", file.read_text())
-    file.write_text("".join(table for table in tables if not table.startswith("[[region]]")))
-    return folder
+    return empty_campaign(tmp_path / "undrawn")
 
 
 def draw(folder, names=("flat", "b05", "b15", "b25")):

@@ -41,15 +41,11 @@ def file(tmp_path):
     return path
 
 
-def test_a_region_is_added_and_nothing_else_is_touched(file):
+def test_a_region_is_added_and_removed_and_nothing_else_is_touched(file):
     changed(file, add_region, BED)
     text = file.read_text()
     assert text.startswith(TEXT)
     assert tomllib.loads(text)["region"][1] == BED
-
-
-def test_a_region_added_and_removed_leaves_the_other_words_as_they_were(file):
-    changed(file, add_region, BED)
     changed(file, remove_region, "b05")
     assert file.read_text().rstrip() == TEXT.rstrip()
 

@@ -177,3 +177,16 @@ def test_a_plate_beside_sand_is_found_by_its_kind_alone():
     assert by_full[0].state is not SlopeState.NO_DATA
     assert by_full[1].state is SlopeState.NO_DATA
     assert "model learned" in by_full[1].reason
+
+
+def test_a_plate_of_40_degrees_reads_near_40():
+    """Two plates, one level, under a measured clear sky; their exchange is not the prior's median."""
+    plate, day = config('[surface]\nkind = "plate"\n').estimator_settings(), packaged_day()
+    when = {"start": "2016-01-01T09:00-07:00", "minutes": 150}
+    field = fieldkit.predict([(0, 0), (40, 180)], day, settings=plate, exchange=26.0, **when)
+    names = {"level": RegionKind.REFERENCE, "plate": RegionKind.TARGET}
+    regions = [Region(name, kind, ((0.0, 0.0),)) for name, kind in names.items()]
+    (found,) = SlopeChain(regions, plate).at_once(history_of(field, day.site).since(60)).slopes
+    assert found.tilt_deg == pytest.approx(40.0, abs=5.0)
+    assert found.tilt_low_deg < 40.0 < found.tilt_high_deg
+    assert np.abs(found.azimuth_deg - 180.0) < 6.0

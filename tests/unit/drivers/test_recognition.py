@@ -61,13 +61,7 @@ TALKING = {  # baud, what comes once, what comes every half second, proposal, a 
         "mlx90640",
         "mean = 296.65 K",
     ),
-    "an object out of range": (
-        9600,
-        b"",
-        b"Ambient 24.1 C, Object -7999 C\r\n",
-        "text,baud=9600",
-        "(impossible)",
-    ),
+    "out of range": (9600, b"", b"Ambient 24.1 C, Object -7999 C\r\n", "text,baud=9600", "(impossible)"),
 }
 UNREAD = {  # what no driver reads, and what proposes nothing
     "noise": (9600, b"", bytes(range(128, 256)) * 3),

@@ -35,17 +35,14 @@ def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):
     assert type(registry.get("sample")).__name__ == "JSONDecoder"
 
 
-def test_name_of_two_packages_is_refused_and_both_are_named(site_packages):
-    install(site_packages, "first-meter", "same")
-    install(site_packages, "second-meter", "same")
-    with pytest.raises(ConfigError, match=r"first-meter.* second-meter", check=at("same")):
-        registry.get("same")
-
-
-def test_name_of_ours_is_not_for_others(site_packages):
-    install(site_packages, "my-lutron", "lutron")
-    with pytest.raises(ConfigError, match="my-lutron", check=at("lutron")):
-        registry.get("lutron")
+@pytest.mark.parametrize(
+    ("name", "packages"), [("same", ("first-meter", "second-meter")), ("lutron", ("my-lutron",))]
+)
+def test_name_of_two_packages_or_of_ours_is_refused_with_the_packages(site_packages, name, packages):
+    for package in packages:
+        install(site_packages, package, name)
+    with pytest.raises(ConfigError, match=".* ".join(packages), check=at(name)):
+        registry.get(name)
 
 
 def test_broken_package_is_a_problem_not_an_end(site_packages):

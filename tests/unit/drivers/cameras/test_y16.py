@@ -20,18 +20,16 @@ def opened(source, **options):
     return Y16().open(settings, HostClock())
 
 
-def test_counts_are_never_guessed_to_be_temperatures(reel):
-    camera = opened(reel(COUNTS.tobytes(), (COUNTS + 1).tobytes()))
-    assert (camera.info.quantity, camera.info.unit) == ("counts", "counts")
+@pytest.mark.parametrize(
+    ("options", "unit", "quality"),
+    [({}, "counts", Quality.NO_VALUE), ({"kelvin_per_count": 0.04, "kelvin_offset": 0.0}, "K", Quality.GOOD)],
+)
+def test_counts_are_temperatures_by_the_users_scale_alone(reel, options, unit, quality):
+    camera = opened(reel(COUNTS.tobytes(), (COUNTS + 1).tobytes()), **options)
+    assert (camera.info.unit, camera.info.scale == 0.04) == (unit, unit == "K")
     frame = camera.read(1.0)
-    assert frame.quality == Quality.NO_VALUE
+    assert frame.quality == quality
     assert (frame.counts == COUNTS + 1).all()
-
-
-def test_scale_is_what_the_user_says(reel):
-    camera = opened(reel(COUNTS.tobytes(), (COUNTS + 1).tobytes()), kelvin_per_count=0.04, kelvin_offset=0.0)
-    assert (camera.info.unit, camera.info.scale) == ("K", 0.04)
-    assert camera.read(1.0).quality == Quality.GOOD
 
 
 def test_it_must_be_told_which_camera():

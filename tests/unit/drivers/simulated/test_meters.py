@@ -12,6 +12,7 @@ from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, lutron_record
 from fieldkit.model.channels import air_quantities
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceLostError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, sand_slopes
@@ -99,6 +100,16 @@ def test_probe_named_as_air_hangs_in_the_air_and_the_others_lie_in_the_beds(scen
     assert air_quantities(device.info) == ("", "air_temperature", "", "")
     # NOAA, SURFRAD, slv16001.dat, 19:00 UTC
     assert scene.air_reading(time_ns) - 273.15 == pytest.approx(-6.5, abs=0.2)
+
+
+def test_pulled_plug_is_a_lost_device(scene):
+    clock, field, device = opened(LUX, scene)
+    with clock:
+        device.read(2.0)
+        field.close()
+        with pytest.raises(DeviceLostError):
+            device.read(2.0)
+        device.close()
 
 
 @pytest.mark.parametrize("settings", [LUX, THERMOMETER], ids=lambda settings: settings.driver)
