@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import importlib
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, cast
 
@@ -54,7 +56,7 @@ BUILT_IN: Mapping[str, str] = {
 
 def names() -> list[str]:
     """Every driver's name: ours in the order of the table, then those of other packages."""
-    return [*BUILT_IN, *sorted({point.name for point in _plugins()} - set(BUILT_IN))]
+    return [*BUILT_IN, *sorted({point.name for point in _plugins(tuple(sys.path))} - set(BUILT_IN))]
 
 
 def get(name: str) -> Driver:
@@ -62,7 +64,7 @@ def get(name: str) -> Driver:
 
     Raises `ConfigError` if there is none, if two packages claim the name, or if it cannot be loaded.
     """
-    plugins = [point for point in _plugins() if point.name == name]
+    plugins = [point for point in _plugins(tuple(sys.path)) if point.name == name]
     owners = ([DISTRIBUTION] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
     if not owners:
         near = nearest(name, names())
@@ -122,7 +124,9 @@ def load_all() -> tuple[list[Driver], list[str]]:
     return drivers, problems
 
 
-def _plugins() -> list[EntryPoint]:
+@cache
+def _plugins(search_path: tuple[str, ...]) -> list[EntryPoint]:
+    """Drivers of other packages, looked for once on each search path: that reads every installed package."""
     return list(entry_points(group=GROUP))
 
 

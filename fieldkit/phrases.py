@@ -10,6 +10,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from string import Formatter
 from typing import Any, Self
 
 _FOLDER = Path(__file__).with_name("languages")
@@ -20,9 +21,23 @@ LANGUAGES: tuple[str, ...] = tuple(sorted(file.stem for file in _FOLDER.iterdir(
 
 @cache
 def phrases(language: str = ENGLISH) -> dict[str, str]:
-    """The texts of a language by their keys; ``{name}`` in them is a slot for a value."""
+    """The texts of a language by their keys.
+
+    ``{name}`` in them is a slot for a value, ``{name:sample|samples}`` one for a count with its noun.
+    """
     texts: dict[str, str] = json.loads((_FOLDER / f"{language}.json").read_text(encoding="utf-8"))
     return texts
+
+
+def counted(count: Any, noun: str, nouns: str = "") -> str:
+    """A count with its noun: ``1 session``, ``2 sessions``; `nouns` is the plural of an irregular one."""
+    return f"{count} {noun if str(count) == '1' else nouns or noun + 's'}"
+
+
+class _Filler(Formatter):
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """The text of a value, before its noun where the slot has one."""
+        return counted(value, *format_spec.split("|")) if format_spec else str(value)
 
 
 class Words(str):
@@ -46,7 +61,7 @@ class Words(str):
 
 def _filled(key: str, data: Mapping[str, Any], language: str) -> str:
     values = {name: in_language(value, language) for name, value in data.items()}
-    return phrases(language)[key].format_map(values)
+    return _Filler().vformat(phrases(language)[key], (), values)
 
 
 def in_language(text: Any, language: str) -> Any:

@@ -24,7 +24,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.phrases import Words
+from fieldkit.phrases import Words, counted
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import means_by_minute
@@ -166,7 +166,7 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
         fix = "use a copy made earlier, if it has them; they are excluded from every estimate"
         yield _fail(name, Words("issue.checksum", bad=len(bad), count=len(reader), first=bad[0]), fix)
     else:
-        yield _ok(name, f"{len(reader)} samples, every checksum matches")
+        yield _ok(name, f"{counted(len(reader), 'sample')}, every checksum matches")
     yield from _numbers(name, reader)
     yield from _times(name, reader)
     yield from _units(reader, lowest, highest)

@@ -24,6 +24,7 @@ from fieldkit.disk import Patience, put_in_place
 from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.phrases import counted
 from fieldkit.sessions.file_tree import put_rows
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import session_numbers
@@ -211,7 +212,10 @@ def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[
         with Salvage(path) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and (salvage.lost or salvage.lost_entries):
-            losses = [*(f"{run.stream}: {run.count} samples lost" for run in salvage.lost), *salvage.damage]
+            losses = [
+                *(f"{run.stream}: {counted(run.count, 'sample')} lost" for run in salvage.lost),
+                *salvage.damage,
+            ]
             raise IntegrityError(f"not whole: {'; '.join(losses)}", place=path)
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
@@ -254,12 +258,14 @@ def _recovery_events(
         return
     for run in salvage.lost:
         time_ns = run.after_ns or start_ns
-        text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
+        text = f"{run.stream}: {counted(run.count, 'sample')} lost, numbers {run.first} to {run.last}"
         data, error = asdict(run), Severity.ERROR
         yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
     count = sum(len(stats.crc32s) for stats in salvage.statistics.values())
     doubt = f"; the end is not known: {salvage.doubt}" if salvage.doubt else ""
-    text = f"session recovered: {count} samples, {sum(run.count for run in salvage.lost)} lost{doubt}"
+    text = (
+        f"session recovered: {counted(count, 'sample')}, {sum(run.count for run in salvage.lost)} lost{doubt}"
+    )
     severity = Severity.ERROR if salvage.lost or doubt else Severity.WARNING
     findings = {"doubt": salvage.doubt, "lost_entries": salvage.lost_entries}
     yield Event(EventKind.RECOVERED, end_ns - anchor_ns, end_ns, text, "", severity, findings)

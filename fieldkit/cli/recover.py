@@ -13,6 +13,7 @@ from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session, recordings_folder
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import FieldkitError, IntegrityError
+from fieldkit.phrases import counted
 from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
 from fieldkit.results.json_document import attributes
 
@@ -79,10 +80,11 @@ def _print(report: RecoveryReport, *, keeps_file: bool) -> None:
         return
     click.echo(f"recovered {report.path}  {report.bytes / 1e6:.1f} MB")
     for name, count in report.counts.items():
-        click.echo(f"  {name}: {count} samples, {report.from_journal[name]} of them only in the journal")
+        samples, journal = counted(count, "sample"), report.from_journal[name]
+        click.echo(f"  {name}: {samples}, {journal} of them only in the journal")
     for run in report.lost:
-        between = " ".join(_between(run))
-        click.echo(f"  LOST {run.stream}: {run.count} samples, numbers {run.first} to {run.last}, {between}")
+        samples, between = counted(run.count, "sample"), " ".join(_between(run))
+        click.echo(f"  LOST {run.stream}: {samples}, numbers {run.first} to {run.last}, {between}")
     for line in report.damage:
         click.echo(f"  damaged: {line}")
     click.echo(f"  {_conclusion(report)}")

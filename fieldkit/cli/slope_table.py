@@ -52,7 +52,7 @@ def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     solved = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
     if solved:
         common.say(
-            f"±: half the width of the {formatting.confidence(solved)} region, "
+            f"{formatting.region_words(formatting.confidence(solved))}, "
             "with systematic uncertainties of scale and offset; noise: without"
         )
     if any(slope.model.startswith("paper") and "azimuth known" not in slope.model for slope in solved):

@@ -130,13 +130,13 @@ class Conductor:
 
         None if there was none, or if `ending` is set before.
         """
-        while self._child is not None and not self._child.has_ended:
+        while self._is_starting():
             if ending.wait(LOOK_EVERY_S):
                 return None
         return None if self._child is None else self._child.exit_code
 
     def _is_starting(self) -> bool:
-        return self._child is not None and not self._child.has_ended
+        return self._child is not None and self._child.exit_code is None
 
     def _follow(self, session: Path) -> None:
         """Show a recording until its process lets go of it."""

@@ -18,7 +18,7 @@ from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
-from fieldkit.phrases import Words
+from fieldkit.phrases import Words, counted
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.writer import SessionWriter
@@ -79,7 +79,7 @@ class GarbleMonitor:
         if new <= 0 or waits:
             return
         self._reported[stream], self._reported_ns[stream] = rejected, mono_ns
-        text = f"{stream}: {new} garbled {'record' if new == 1 else 'records'} dropped"
+        text = f"{stream}: {counted(new, 'garbled record')} dropped"
         text += f"; the last one: {why}" if why else ""
         yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
 
@@ -182,8 +182,7 @@ class StorageMonitor:
         """The number of skipped frames, once, when a pause ends or the recording ends within one."""
         if self._error is None or (mono_ns < self._until_ns and not at_end):
             return
-        frames = "frame" if self._skipped == 1 else "frames"
-        text = f"{self._skipped} {frames} skipped after a storage error: {self._error}"
+        text = f"{counted(self._skipped, 'frame')} skipped after a storage error: {self._error}"
         skipped, self._error, self._skipped = self._skipped, None, 0
         yield _disk(mono_ns, time_ns, Severity.ERROR, text, skipped=skipped)
 

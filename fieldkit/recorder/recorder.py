@@ -24,7 +24,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.model.units import SECOND_NS
-from fieldkit.phrases import Words
+from fieldkit.phrases import Words, counted
 from fieldkit.recorder.alarm_outputs import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
@@ -293,7 +293,7 @@ class Recorder:
             self._keep_sample(sample)
         was_before = self.clock.mono_ns() - self.since_ns > SECOND_NS  # and not while readers went over
         if was_before and (count := self._counts.total()):
-            text = f"{count} samples of the preview before are included"
+            text = f"{counted(count, 'sample')} of the preview before included"
             self._report(EventKind.START, text, data={"samples": count})
 
     def _take(self, item: Item | None) -> None:

@@ -84,11 +84,6 @@ class BackgroundRecording:
         self.pid: int = self._process.pid
 
     @property
-    def has_ended(self) -> bool:
-        """Whether the process is over."""
-        return self._process.poll() is not None
-
-    @property
     def exit_code(self) -> int | None:
         """The process's exit code, None while it runs."""
         return self._process.poll()
@@ -102,7 +97,7 @@ class BackgroundRecording:
         limit_s = STARTS_WITHIN_S + sum(device.connect_timeout_s for device in config.devices)
         deadline = time.monotonic() + limit_s
         while time.monotonic() < deadline:
-            if self.has_ended:
+            if self.exit_code is not None:
                 ended = RefusedError(Words("error.ended_at_once"), fix=Words("fix.terminal"))
                 raise command_error(self._error_text(), ended)
             session = session_in_progress(recordings)

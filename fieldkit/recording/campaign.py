@@ -25,6 +25,7 @@ from fieldkit.model.errors import ConfigError, RefusedError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, zone_by_longitude
 from fieldkit.model.spelling import did_you_mean
+from fieldkit.phrases import counted
 from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_devices
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.recordings import sessions_in
@@ -68,7 +69,7 @@ class Sessions(Sequence[Session]):
         return open_session(self.paths[index])
 
     def __repr__(self) -> str:
-        return f"<{len(self)} sessions: {', '.join(path.stem for path in self.paths)}>"
+        return f"<{counted(len(self), 'session')}: {', '.join(path.stem for path in self.paths)}>"
 
 
 @checked
@@ -122,14 +123,14 @@ class Campaign:
         return self.config.regions
 
     def __repr__(self) -> str:
-        what = f"{len(self.regions)} regions, {len(self.sessions)} sessions"
+        what = f"{counted(len(self.regions), 'region')}, {counted(len(self.sessions), 'session')}"
         return f"<Campaign {self.config.tables.campaign.title or self.directory.name}: {what}>"
 
     def _repr_html_(self) -> str:
         rows = [
             (region.name, region.kind.name.lower(), formatting.given_slope(region)) for region in self.regions
         ]
-        caption = f"{self.directory}: {len(self.sessions)} sessions"
+        caption = f"{self.directory}: {counted(len(self.sessions), 'session')}"
         return html.table_html(html.Table(("region", "kind", "tilt/azimuth"), rows, caption))
 
     def add_region(

@@ -22,6 +22,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.version import __version__
+from fieldkit.phrases import counted
 from fieldkit.recording.recordings import recordings_in, sessions_in
 from fieldkit.recording.status_request import recorder_status
 from fieldkit.sessions.lock import is_locked, journal_path
@@ -111,7 +112,7 @@ class Catalogue:
 
     def __repr__(self) -> str:
         regions = sum(len(session["regions"]) for session in self.sessions)
-        return f"<Catalogue of {len(self)} sessions, {regions} regions>"
+        return f"<Catalogue of {counted(len(self), 'session')}, {counted(regions, 'region')}>"
 
 
 def _rows(session: Row) -> Iterator[Row]:

@@ -25,6 +25,7 @@ from fieldkit.model.finding import Finding
 from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.next_step import Action
 from fieldkit.model.version import __version__
+from fieldkit.phrases import counted
 from fieldkit.recording.opening import open_in_time
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
@@ -144,12 +145,12 @@ def _configuration(folder: Path) -> Iterator[Finding]:
         level = "warn" if isinstance(error, NoCampaignError) else "fail"
         yield Finding(level, "configuration", error.message, error.fix or "")
         return
-    counted = f"{len(config.devices)} instruments, {len(config.regions)} regions"
+    contents = f"{counted(len(config.devices), 'instrument')}, {counted(len(config.regions), 'region')}"
     if config.devices:
-        yield Finding("ok", "configuration", counted)
+        yield Finding("ok", "configuration", contents)
     else:
         fix = Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml"
-        yield Finding("warn", "configuration", f"{counted}: there is nothing to record", fix)
+        yield Finding("warn", "configuration", f"{contents}: there is nothing to record", fix)
     for device in config.devices:
         yield from _instrument_findings(device)
     yield from _calibrations(config)

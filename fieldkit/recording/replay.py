@@ -14,6 +14,7 @@ from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity
 from fieldkit.model.site import Region, RegionRecord
 from fieldkit.model.slope import SlopeEstimate, final_estimates
+from fieldkit.phrases import counted
 from fieldkit.recorder import View
 from fieldkit.recorder.alarms import AlarmEngine
 from fieldkit.recorder.recorder import Shown
@@ -36,8 +37,8 @@ class Replay:
     alarms: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:
-        counted = f"{len(self.minutes)} minutes, {len(self.alarms)} alarm events"
-        return f"<Replay: {counted}; targets {', '.join(self.estimates) or 'none'}>"
+        contents = f"{counted(len(self.minutes), 'minute')}, {counted(len(self.alarms), 'alarm event')}"
+        return f"<Replay: {contents}; targets {', '.join(self.estimates) or 'none'}>"
 
     @property
     def learnt(self) -> Learnt | None:

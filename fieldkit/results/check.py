@@ -27,7 +27,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
-from fieldkit.phrases import Words
+from fieldkit.phrases import Words, counted
 from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.results.batch import BySession, each
@@ -174,9 +174,11 @@ def _compare_estimates(session: SessionReader) -> list[Finding]:
         text = Words("issue.differing", count=differing, slopes=len(stored_estimates))
         fix = "check for another version of fieldkit, or samples that were lost"
         return [Finding("warn", "slopes", text, fix), *others]
-    same = f"{len(stored_estimates)} slopes come out the same from the stored samples"
+    count = counted(len(stored_estimates), "slope")
+    same = f"{count} the same when computed again from the stored samples"
     if session_minutes.measured.is_recordings:
-        same = f"{len(stored_estimates)} slopes are the recording's own, by this version and these settings"
+        count = counted(len(stored_estimates), "slope")
+    same = f"{count} of the recording itself, by this version and these settings"
     return [Finding("ok", "slopes", same), *others]
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.slope import WITH_SLOPE, final_rows
+from fieldkit.phrases import counted
 from fieldkit.results.batch import EstimatedSessions
 from fieldkit.results.result_files import earlier_results
 
@@ -63,7 +64,8 @@ class Comparison:
         return pd.DataFrame(map(asdict, self.moves), columns=[field.name for field in fields(Move)])
 
     def __repr__(self) -> str:
-        return f"<Comparison of {len(self.moves)} slopes: {', '.join(self.differences) or 'no difference'}>"
+        differences = ", ".join(self.differences) or "no difference"
+        return f"<Comparison of {counted(len(self.moves), 'slope')}: {differences}>"
 
 
 def compare(estimates: EstimatedSessions, other: EstimatedSessions | str | Path) -> Comparison:

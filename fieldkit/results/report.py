@@ -23,7 +23,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import is_usable
 from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.palettes import INFERNO
-from fieldkit.phrases import Words
+from fieldkit.phrases import Words, counted
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results import sources
 from fieldkit.results.batch import each
@@ -61,7 +61,7 @@ class Report:
 
     def __repr__(self) -> str:
         failed = f", {len(self.failures)} failed" if self.failures else ""
-        return f"<Report {self.path}: {len(self.sessions)} sessions{failed}>"
+        return f"<Report {self.path}: {counted(len(self.sessions), 'session')}{failed}>"
 
     def _repr_html_(self) -> str:
         return str(Markup('<a href="{}">{}</a>').format(self.path.resolve().as_uri(), self.path))

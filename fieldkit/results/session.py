@@ -20,6 +20,7 @@ from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Sample
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.phrases import counted
 from fieldkit.sessions import analysis
 from fieldkit.sessions.analysis import Calibration, RegionSeries, channel_names
 from fieldkit.sessions.reader import SessionReader, open_as
@@ -61,7 +62,7 @@ class Stream:
 
     def __repr__(self) -> str:
         shape = "x".join(map(str, self.info.shape))
-        contents = "closed," if self._session.is_closed else f"{len(self)} samples of"
+        contents = "closed," if self._session.is_closed else f"{counted(len(self), 'sample')} of"
         return f"<Stream {self.name}: {contents} {shape} {self.info.quantity} [{self.info.unit}]>"
 
     @overload

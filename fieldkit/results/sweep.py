@@ -19,6 +19,7 @@ from fieldkit.model.arrays import FloatArray, IntArray, TableArray
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
+from fieldkit.phrases import counted
 from fieldkit.results import batch
 from fieldkit.results.batch import Estimate, Progress, no_progress, outcomes_of
 from fieldkit.results.json_document import attributes
@@ -70,7 +71,8 @@ class Sweep:
 
     def __repr__(self) -> str:
         best = ", ".join(f"{key} = {value}" for key, value in self.best.items()) or "not ranked"
-        return f"<Sweep of {len(self.grid.sets)} sets, {len(self.sources)} sessions; best: {best}>"
+        sets, of_sessions = counted(len(self.grid.sets), "set"), counted(len(self.sources), "session")
+        return f"<Sweep of {sets}, {of_sessions}; best: {best}>"
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas frame; needs ``fieldkit-slope[lab]``."""
@@ -130,7 +132,8 @@ def sweep(
     grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
     sources, failures = batch.readable_sources(map(Path, sessions), present=present)
     runs = runs_of(sources, grid, partial(outcomes_of, failures=failures, executor=executor))
-    notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
+    sets, of_sessions = counted(len(grid.sets), "set"), counted(len(sources), "session")
+    notify(f"{counted(len(runs), 'run')}: {sets} of parameters, {of_sessions}")
     table = SweepTable(grid, batch.session_names(sources))
     for outcome in outcomes_of(runs, failures, executor, on_progress):
         table.add(outcome)

@@ -34,6 +34,9 @@ PAPER_OMITS = (
 )
 """Measured with simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
 
+MOST_LOPSIDED = 1.25
+"""How far a region reaches from its tilt, in half-widths, where ± still describes it."""
+
 _PREFIXES = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
 _STATES = {
     SlopeState.OK: "ok",
@@ -66,16 +69,27 @@ def plus_minus(value: float, half: float, digits: int = 1) -> str:
 
 
 def tilt(estimate: SlopeEstimate) -> str:
-    """Tilt in degrees with half the width of its likelihood region."""
-    return plus_minus(estimate.tilt_deg, estimate.tilt_half_width_deg)
+    """Tilt in degrees with its region: ``15.1 ±0.9``, or ``4.8 (4.0–12.2)`` where it is lopsided."""
+    low_deg, value, half_deg = estimate.tilt_low_deg, estimate.tilt_deg, estimate.tilt_half_width_deg
+    is_lopsided = max(estimate.tilt_high_deg - value, value - low_deg) > MOST_LOPSIDED * half_deg
+    return f"{number(value, 1)} {_tilt_region(estimate)}" if is_lopsided else plus_minus(value, half_deg)
+
+
+def region_words(sure: str) -> str:
+    """Meaning of what stands behind a tilt, whose region has the confidence `sure`."""
+    return f"±: half the width of the {sure} region, or (from–to) where it is lopsided"
 
 
 def finding(estimate: SlopeEstimate) -> str:
     """A slope in one phrase: ``b25 22.6° (17.6–28.0), wide``; no word where it is certain."""
     words = f"{estimate.region} {number(estimate.tilt_deg, 1)}°"
     if math.isfinite(estimate.tilt_half_width_deg):
-        words += f" ({number(estimate.tilt_low_deg, 1)}–{number(estimate.tilt_high_deg, 1)})"
+        words += f" {_tilt_region(estimate)}"
     return words if estimate.state in CERTAIN else f"{words}, {state(estimate)}"
+
+
+def _tilt_region(estimate: SlopeEstimate) -> str:
+    return f"({number(estimate.tilt_low_deg, 1)}–{number(estimate.tilt_high_deg, 1)})"
 
 
 def findings(estimates: Iterable[SlopeEstimate], regions: Iterable[Region] = ()) -> str:

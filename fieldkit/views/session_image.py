@@ -93,7 +93,7 @@ def _table(axes: Axes, regions: Sequence[Region], estimates: Sequence[SlopeEstim
         table.set_fontsize(14)
         table.scale(1.0, 2.2)
         sure = formatting.confidence(estimates)
-        axes.set_title(f"last minute; ±: half the width of the {sure} region", fontsize=13)
+        axes.set_title(f"last minute; {formatting.region_words(sure)}", fontsize=13)
 
 
 def _row(estimate: SlopeEstimate, region: Region) -> tuple[str, ...]:

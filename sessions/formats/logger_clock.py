@@ -18,6 +18,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Severity
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.phrases import counted
 
 Keep = Literal["first", "last"]
 Notes = list[tuple[Severity, str]]
@@ -154,7 +155,7 @@ def _note(severity: Severity, rows: Sequence[TimedRow], why: str) -> Notes:
 
 def row_count(rows: Sequence[object]) -> str:
     """Number of rows."""
-    return "1 row" if len(rows) == 1 else f"{len(rows)} rows"
+    return counted(len(rows), "row")
 
 
 def listing(rows: Sequence[object]) -> str:

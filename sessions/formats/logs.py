@@ -25,6 +25,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Sentence
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
+from fieldkit.phrases import counted
 from fieldkit.sessions.formats import imported, tables, times
 from fieldkit.sessions.formats.imported import ImportedRecording, MissingOptionsError, UnstatedZoneError
 from fieldkit.sessions.formats.logger_clock import Notes, TimedRow, in_clock_order, listing, row_count
@@ -71,7 +72,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     readings = list(chain.from_iterable(_readings(stream, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
-    about = f"{path.name}: {len(rows)} rows, times {zone}{applied}"
+    about = f"{path.name}: {counted(len(rows), 'row')}, times {zone}{applied}"
     all_notes = (
         *((Severity.INFO, note) for note in (about, table.about, *table.notes) if note),
         *((Severity.WARNING, loss) for loss in table.losses),

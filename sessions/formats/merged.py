@@ -20,6 +20,7 @@ from fieldkit.model.limits import bounds_of
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity, is_damaged, is_usable
 from fieldkit.model.site import Region, apart_m
+from fieldkit.phrases import counted
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import (
@@ -416,7 +417,7 @@ def recording_of(
                 yield sample._replace(stream=names[sample.stream], time_ns=time_ns)
 
     damaged = sum(int(np.count_nonzero(is_damaged(other.flags(stream)))) for stream in names)
-    omitted = f"; {damaged} samples that do not match their checksums are omitted" if damaged else ""
+    omitted = f"; {counted(damaged, 'sample')} with a wrong checksum omitted" if damaged else ""
     text = f"{', '.join(names.values())} joined from {other.path.name}: {clock}{omitted}"
     streams = tuple(replace(info, name=names[info.name]) for info in other.streams.values())
     return ImportedRecording(streams, ReadAgain(samples), ((Severity.INFO, text),))

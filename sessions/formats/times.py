@@ -39,7 +39,8 @@ _UNIX = re.compile(r"\d{9,11}([.,]\d+)?|\d{13}(\d{3}){0,2}")
 _CLOCK = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,:]\d+)?)?(\s*[AP]\.?\s?(M\.?)?)?", re.IGNORECASE)
 # also Davis's 10:00a, Spanish p. m.
 _HALF_DAY = re.compile(r"(?<=\d)\s*([ap])\.?\s?(?:m\.?)?$", re.IGNORECASE)
-_MILLISECONDS = re.compile(r"(?<=:\d\d:\d\d):(?=\d{3}$)")  # phones
+_MILLISECONDS = re.compile(r"(?<=:\d\d:\d\d):(?=\d{3}$)")  # phones, Keysight
+_SECOND_MARK = re.compile(r"(?<=:\d\d)'(?=\d\d$)")  # T&D: 12:00'30
 _SPACED_OFFSET = re.compile(r" ?([+-]\d\d:?\d\d)( UTC| GMT)?$")
 _NUMBER = re.compile(r"[+-]?\d*([.,]\d*)?(e[+-]?\d+)?", re.IGNORECASE)
 _ELAPSED = re.compile(r"(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
@@ -86,7 +87,7 @@ def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | Non
             else:
                 written[row] = _parse(text, time_format)
         except ConfigError as error:
-            unreadable[row] = error if time_format or unreadable else _give_format(text, texts)
+            unreadable[row] = error if unreadable else _give_format(text, texts, time_format)
     for row, moment in _in_zone(texts, written, zone).items():
         try:
             known_ns[row] = utc_ns(moment)
@@ -183,7 +184,7 @@ def plausible_ns(time_ns: int) -> int:
 
 def _parse(text: str, time_format: str | None) -> datetime:
     plain, midnights = _END_OF_DAY.subn("00:00", text)
-    plain = _MILLISECONDS.sub(".", _LEAP_SECOND.sub(":59", plain))
+    plain = _MILLISECONDS.sub(".", _LEAP_SECOND.sub(":59", _SECOND_MARK.sub(":", plain)))
     if ":" in plain:
         plain = _HALF_DAY.sub(lambda half: f"{half[1].upper()}M", plain)
     pattern = None if time_format is None else _pattern(time_format)
@@ -208,7 +209,7 @@ _CLOCKS = re.split(
 _DIGITS = ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"]
 
 
-def _give_format(text: str, others: Sequence[str]) -> MissingOptionsError:
+def _give_format(text: str, others: Sequence[str], time_format: str | None) -> ConfigError:
     """The error of a time in another form, with the usual formats that fit it and most of the others."""
     clocks = [f"{date}{mark}{clock}" for date in _DATES for mark in " T" for clock in _CLOCKS]
     fitting = [time_format for time_format in [*_DATES, *_DIGITS, *clocks] if is_time(text, time_format)]
@@ -219,7 +220,8 @@ def _give_format(text: str, others: Sequence[str]) -> MissingOptionsError:
     # none is of months in other languages, or of eras
     digits = "write dates in digits, such as 2026-12-11 12:00:00"
     fix = "give the format of the times, such as " + Sentence.listing(formats) if formats else digits
-    return MissingOptionsError("not a time in ISO 8601", place=repr(text), fix=fix)
+    kind = ConfigError if time_format else MissingOptionsError
+    return kind(f"not a time in {time_format or 'ISO 8601'}", place=repr(text), fix=fix)
 
 
 def _iso(text: str) -> datetime:
@@ -267,7 +269,8 @@ def _pattern(time_format: str) -> str:
     pattern = time_format
     if "%" not in time_format:
         pattern = re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], time_format)
-    pattern = re.sub(r"\s+%p", "%p", pattern)
+    # times have these forms when they come here
+    pattern = re.sub(r"\s+%p", "%p", pattern).replace("%S:%f", "%S.%f").replace("%M'%S", "%M:%S")
     codes = re.findall("%(.)", pattern)
     twice = next((code for code, count in Counter(codes).items() if count > 1 and code != "%"), None)
     if twice is not None:

@@ -210,6 +210,7 @@ EVENTS: list[tuple[str, str, dict[str, Any], str]] = [
     ("moved", "warning", {"phase": "lost", "region": "b15"}, "moved.region.lost"),
     ("cloud", "info", {"phase": "end", "request": "7"}, "cloud.end"),
     ("gap", "warning", {"lost": 3}, "gap.lost"),
+    ("gap", "warning", {"lost": 1}, "gap.lost"),
     ("gap", "warning", {}, "gap"),
     ("lost", "error", {}, "lost.error"),
     ("back", "info", {"gap_s": 12.0}, "back"),
@@ -236,7 +237,7 @@ def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, pa
             "mark": "stored",
             "alarm": "camera does not respond",
         }
-        assert shown == (phrases()[f"event.{key}"].format_map(words) if key else "stored"), kind
+        assert shown == (Words(f"event.{key}", **words) if key else "stored"), kind
     happened = Words("issue.event", time="at noon", event="stored {3}", happened=event)
     issues = [
         issue_document({"what": "clock", **text_document(Words("issue.missing", count=3, last=9))}, "en"),

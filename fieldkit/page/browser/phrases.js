@@ -3,8 +3,12 @@
 const TEXTS = {{texts}};
 const LANGUAGES = {{languages}}; // their own names by code
 
-/** A text with its `{slots}` filled. */
-const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+/** A text with its `{slots}` filled; `{count:sample|samples}` is one for a count with its noun. */
+const filled = (text, values) =>
+  text.replace(/\{(\w+)(?::(\w+)\|(\w+))?\}/g, (_, name, noun, nouns) => {
+    const value = values[name] ?? "–";
+    return noun ? `${value} ${`${value}` === "1" ? noun : nouns}` : value;
+  });
 
 /** A text in which sessions have the names that they were given; their ids begin with the time. */
 const withNames = (text) => text.replace(/\b\d{8}T\d{6}Z-/g, "");

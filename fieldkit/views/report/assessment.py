@@ -10,6 +10,7 @@ import numpy as np
 from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import CERTAIN, SlopeState
+from fieldkit.phrases import counted
 from fieldkit.views import formatting
 from fieldkit.views.report.series import Series, TargetSeries
 
@@ -104,19 +105,17 @@ def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
     warnings = []
     if state not in ("sealed", "recovered"):
         warnings.append(f"The session is {state}, not sealed: wait for its end, or recover it.")
-    for kind, (singular, many) in _COUNTED.items():
+    for kind, nouns in _COUNTED.items():
         count = sum(event.kind is kind for event in events)
         if count:
-            warnings.append(f"{count} {singular if count == 1 else many} while recording; see Events.")
+            warnings.append(f"{counted(count, *nouns)} while recording; see Events.")
     return warnings + _alarm_warnings(events)
 
 
 def _alarm_warnings(events: Sequence[Event]) -> list[str]:
     """Number of alarms raised, and those still present."""
     raised = sum(phase_of(event) is Phase.RAISED for event in events)
-    warnings = [f"{raised} {'alarm' if raised == 1 else 'alarms'} while recording; see Events."] * (
-        raised > 0
-    )
+    warnings = [f"{counted(raised, 'alarm')} while recording; see Events."] * (raised > 0)
     if left := present_alarms(events):
         warnings.append(f"Still present at the end: {'; '.join(alarm.text for alarm in left)}.")
     return warnings

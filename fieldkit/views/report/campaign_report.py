@@ -14,6 +14,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import ErrorSpan, SdKind
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
+from fieldkit.phrases import counted
 from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
@@ -75,7 +76,7 @@ def _headline(parts: Sequence[Part]) -> str:
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(error).sum())
-    mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates"
+    mean_words = f"Mean absolute tilt error {mean:.1f}° over {counted(count, 'estimate')}"
     wide = sum(target.wide for target in targets)
     meaning = formatting.wide_means(_confidence(parts), parts[0].settings.target_half_width_deg)
     return f"{mean_words}, of which {wide} are wide ({meaning})."
@@ -91,7 +92,7 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, target, sd) for part in parts for target in part.columns.targets]
     sure = _confidence(parts)
     caption = (
-        f"Tilt: the final one, ± half the width of its {sure} region. MAE and SD: over the n minutes with an "
+        f"Tilt: the final one, {formatting.region_words(sure)}. MAE and SD: over the n minutes with an "
         f"estimate; SD {sd_words(sd)}. Wide: how many of them are. RMSE: measured surface temperature "
         "against eq. (7), the reference standing in for air and sky."
     )

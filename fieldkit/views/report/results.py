@@ -32,7 +32,7 @@ SPAN_S = 1200.0
 
 def slopes(data: ReportData) -> Table:
     """Each target with its final slope and the slope that was given."""
-    caption = f"±: half the width of the {percent(data.settings.confidence)} region."
+    caption = f"{formatting.region_words(percent(data.settings.confidence))}."
     checks = map(formatting.reference_check, data.checks)
     caption = " ".join([caption, *(f"{words[0].upper()}{words[1:]}." for words in checks)])
     columns = ("region", "tilt °", "azimuth °", "given", "state")

@@ -21,7 +21,7 @@ from tests.harness.waiting import wait_until
 class SlowToBegin:
     """A recording whose process takes a while to begin."""
 
-    has_ended = False
+    exit_code = None
 
     def __init__(self, campaign: Path, options: RecordOptions) -> None:
         time.sleep(0.2)  # as on a small computer

@@ -40,7 +40,7 @@ CODE, SERVER = source(PAGE / "browser", ".js", ".html"), source(PAGE, ".py")
 
 
 def slots(texts: dict[str, str]) -> dict[str, set[str]]:
-    return {key: set(re.findall(r"\{(\w+)\}", text)) for key, text in texts.items()}
+    return {key: set(re.findall(r"\{(\w+)[:}]", text)) for key, text in texts.items()}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -83,7 +83,7 @@ def test_a_finding_keeps_key_and_values_when_it_is_copied_or_sent():
     finding = Words("issue.missing", count=3, last=9)
     for copied in (finding, copy.deepcopy(finding), pickle.loads(pickle.dumps(finding))):
         assert text_document(copied) == {
-            "text": "3 samples are missing from the file (numbers 0 to 9)",
+            "text": "3 samples missing from the file (numbers 0 to 9)",
             "key": "issue.missing",
             "data": {"count": 3, "last": 9},
         }
