@@ -80,10 +80,13 @@ def _answer(question: Question) -> str:
 
 
 def _report(file: Path, additions: AddedDevices) -> None:
+    from fieldkit.recording.preflight import NOT_RECORDED
+
     for added in additions.added:
         quantity = f"{added.quantity} in {added.unit}"
         driver = ",".join((added.driver, *(f"{key}={value}" for key, value in added.options.items())))
         read = f"; read: {added.received}" if added.received else ""
+        read += f"; {NOT_RECORDED}: {added.not_recorded}" if added.not_recorded else ""
         say(f"added {added.name} to {file}: {driver}, {quantity}, {added.identity or added.port}{read}")
     for identity, name in additions.configured.items():
         say(f"{identity} is configured already, as {name}")

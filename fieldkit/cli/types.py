@@ -182,9 +182,9 @@ def parse_key_value(text: str) -> tuple[str, Any]:
 
 
 def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
-    """``IDENTITY=DRIVER[,KEY=VALUE...]``: an identity, and its ``driver`` with options."""
+    """``IDENTITY=DRIVER[,KEY=VALUE...]``: an identity, and its ``driver`` with options, lists in brackets."""
     identity, _, driver_text = text.partition("=")
-    driver, *pairs = driver_text.split(",")
+    driver, *pairs = re.split(r",(?![^\[]*\])", driver_text)
     if not (identity and driver):
         raise ConfigError("is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron", place=repr(text))
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}

@@ -81,6 +81,8 @@ class AddedDevice:
     options: Mapping[str, Any] = field(default_factory=dict)
     received: str = ""
     """The values by which it was recognised."""
+    not_recorded: str = ""
+    """Its channels of other quantities than the stream's."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -191,7 +193,7 @@ def _add(
         component = stated.pop("measures", "")
         port = "" if device.identity else device.port  # an identity survives a replug, a port does not
         declared = DeviceSettings(driver, driver, port, device.identity, options=stated)
-        settings, info = _declaration(device, declared, ask)
+        settings, info = _declaration(device, declared, ask, f" ({received})" if received else "")
         if "" in radiation_components(info, {}):
             component = component or ask(Question(device, driver, "measures", COMPONENTS))
         done.added.append(_write(config, settings, info, component, received))
@@ -215,7 +217,7 @@ def _driver(device: ConnectedDevice, ask: Ask) -> tuple[str, Mapping[str, Any], 
 
 
 def _declaration(
-    device: ConnectedDevice, settings: DeviceSettings, ask: Ask
+    device: ConnectedDevice, settings: DeviceSettings, ask: Ask, received: str
 ) -> tuple[DeviceSettings, StreamInfo]:
     """The stream that an instrument declares, with the options that it needs for that."""
     driver = settings.driver
@@ -231,8 +233,8 @@ def _declaration(
             return settings, info
         if not needs:
             raise ConfigError(UNKNOWN_UNIT, place=f"{driver} on {id_of(device)}", fix=STATE_UNIT)
-    options = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
-    return _declaration(device, replace(settings, options={**settings.options, **options}), ask)
+    options = {key: ask(Question(device, driver, key, values, received)) for key, values in needs.items()}
+    return _declaration(device, replace(settings, options={**settings.options, **options}), ask, received)
 
 
 def _write(
@@ -253,7 +255,8 @@ def _write(
             measures = {**config.tables.irradiance.measures, path[-1]: component}
             edit.set_key(draft, "irradiance", "measures", measures)
     place = (settings.identity, info.port, info.quantity, info.unit)
-    return AddedDevice(path[-1], driver, *place, settings.options, received)
+    others = str(info.settings.get("not_recorded", ""))
+    return AddedDevice(path[-1], driver, *place, settings.options, received, others)
 
 
 def _path(info: StreamInfo, kind: str, taken: set[str]) -> tuple[str, ...]:

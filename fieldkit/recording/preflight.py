@@ -28,6 +28,7 @@ NO_REGIONS = (
     "no regions are drawn: frames and readings are recorded, no slope is estimated. Find them on the "
     "report's image, then " + Action.ADD_REGION() + " and " + Action.ESTIMATE(present=True)
 )
+NOT_RECORDED = "not recorded, as a port gives one quantity"
 UNKNOWN_UNIT = Words("error.unknown_unit")
 STATE_UNIT = 'print the unit (T=21.5 C), name the column by it (temp_c), or set options.unit = "C"'
 Notify = Callable[[Text], None]
@@ -54,7 +55,7 @@ def preflight(
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
     for info in streams:
         if others := info.settings.get("not_recorded"):
-            notify(f"{info.name}: not recorded, as a port gives one quantity: {others}")
+            notify(f"{info.name}: {NOT_RECORDED}: {others}")
     if unknown := [info.name for info in streams if not info.unit]:
         raise ConfigError(UNKNOWN_UNIT, place=", ".join(unknown), fix=STATE_UNIT)
     for name in meters.absent:

@@ -57,7 +57,7 @@ def make_minute(regions):
     def make(index: int = 0, *, tilt_deg: float = 15.5, state: SlopeState = SlopeState.OK, **changes: object):
         time_ns = START_NS + index * 60 * SECOND_NS
         estimates = (
-            SlopeEstimate(time_ns, "b15", state, tilt_deg, 178.0, tilt_deg - 1, tilt_deg + 2, 170.0, 190.0,
+            SlopeEstimate(time_ns, "b15", state, tilt_deg, 178.0, tilt_deg - 1.4, tilt_deg + 1.6, 170, 190,
                           kelvin_per_degree=0.33),
             SlopeEstimate(time_ns, "b25", SlopeState.NOT_RESOLVED, 24.0, 181.0, 23.0, 25.0, 170.0, 190.0,
                           43.3, 181.0, kelvin_per_degree=0.26),
