@@ -46,6 +46,26 @@ class Stream:
     """One stream of an open session, as ``session["camera"]`` gives it: arrays, tables, kelvin.
 
     Times are corrected. `info` is what was declared before the first sample: quantity, unit, shape, scale.
+
+    Examples
+    --------
+    >>> camera, lux = session["camera"], session["lux"]
+    >>> lux
+    <Stream lux: 1200 samples of 1 illuminance [lx]>
+    >>> camera.kelvin(0, 1).shape
+    (1, 120, 160)
+    >>> camera.region_series().mean_k.shape
+    (60, 4)
+    >>> dict(camera.to_xarray().sizes)
+    {'time': 60, 'y': 120, 'x': 160, 'metadata_row': 2}
+    >>> lux.to_pandas().columns.tolist()
+    ['illuminance [lx]', 'seq', 'flags', 'mono_ns']
+    >>> lux.readings().values.shape, sum(1 for sample in lux.samples())
+    ((1200, 1), 1200)
+    >>> lux.times_ns().size == lux.flags().size == len(lux)
+    True
+    >>> lux.plot().get_ylabel()
+    'illuminance, lx'
     """
 
     def __init__(self, session: SessionReader, info: StreamInfo) -> None:
@@ -151,20 +171,12 @@ class Session(SessionReader):
 
     Examples
     --------
-    Streams by name, as arrays and tables:
+    Streams by name, and their samples:
 
     >>> list(session.streams)
     ['camera', 'lux', 'thermometer']
-    >>> session["camera"].kelvin(0, 1).shape
-    (1, 120, 160)
     >>> session["camera"][0].counts.shape, session["lux"][-1].seq, len(session["thermometer"][:5])
     ((120, 160), 1199, 5)
-    >>> session["lux"].to_pandas().columns.tolist()
-    ['illuminance [lx]', 'seq', 'flags', 'mono_ns']
-    >>> dict(session["camera"].to_xarray().sizes)
-    {'time': 60, 'y': 120, 'x': 160, 'metadata_row': 2}
-    >>> session["camera"].region_series().mean_k.shape
-    (60, 4)
     >>> session.readings("lux").values.shape, session.raw("camera").dtype
     ((1200, 1), dtype('uint16'))
     >>> sum(1 for sample in session.samples("lux", "thermometer"))
