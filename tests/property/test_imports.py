@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import import_session
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.next_step import Argument
+from fieldkit.model.samples import EventKind
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import one_of_each
 
@@ -43,6 +44,8 @@ def test_sound_files_of_every_kind_become_sessions(sound, tmp_path, name):
     with open_session(tmp_path / "a.h5") as session:
         assert session.state == "sealed"
         assert len(list(session.samples())) > 0
+        origin = session.events()[0]
+    assert (origin.kind, origin.text.split()[-1]) == (EventKind.IMPORTED, name)
 
 
 OPTIONS = {

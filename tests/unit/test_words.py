@@ -13,26 +13,6 @@ from fieldkit.cli.common import CommandGroup
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-GLOSSARY = DOCS / "reference/glossary.md"
-ROWS = [
-    [cell.strip() for cell in line.split("|")[1:-1]]
-    for line in GLOSSARY.read_text(encoding="utf-8").splitlines()
-    if line.startswith("| ") and not line.startswith("| term ")
-]
-
-
-def test_the_glossary_is_in_order_with_one_meaning_a_term():
-    terms = [row[0].lower() for row in ROWS]
-    assert terms == sorted(set(terms))
-    assert all(len(row) == 4 and row[1] for row in ROWS)
-
-
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
-def test_a_term_is_used_on_the_page_that_the_glossary_names(row):
-    link = re.fullmatch(r"\[.+\]\((.+\.md)\)", row[3])
-    assert link is not None
-    page = (GLOSSARY.parent / link[1]).read_text(encoding="utf-8")
-    assert re.search(rf"\b{re.escape(row[0])}", page, re.IGNORECASE)
 
 
 OURS = re.compile(

@@ -19,7 +19,7 @@ from fieldkit.estimation.bins import CameraStream
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
-from fieldkit.model.samples import EventKind, Frame, Quality, Severity
+from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.results.importing import ImportOptions, read_source
@@ -266,16 +266,6 @@ def test_a_tiff_of_other_numbers_is_named_for_what_it_is(tmp_path, pixels, more,
         frames_of(path, **MOMENT)
 
 
-@pytest.mark.parametrize(("unit", "value"), [("C", 22.35), ("K", 295.5), ("F", 72.23)])
-def test_floating_point_temperatures_become_hundredths_of_kelvin(tmp_path, unit, value):
-    path = tiff_file(tmp_path, tiff_pages((np.full((5, 7), value, np.float32), {})))
-    imported = read_stills(path, None, unit=unit, **MOMENT)
-    (frame,), (info,) = imported.samples, imported.streams
-    assert (info.unit, info.scale, info.offset) == ("K", 0.01, 0.0)
-    assert frame.counts.tolist() == np.full((5, 7), 29_550).tolist()
-    assert frame.quality == Quality.GOOD
-
-
 SCALE = (Argument("kelvin_per_count"), Argument("kelvin_at_zero"))
 SIGNALLING = np.array(0x7F800001, np.uint32).view(np.float32)  # a NaN that warns when it is converted
 
@@ -334,6 +324,7 @@ STACK = {"metadata": {"axes": "TYX"}, "truncate": True}
         (CENTIGRADE, gdal("", "", "C"), "", 1),
         (np.float64(CENTIGRADE) * 10.0, gdal(0.1, 0.0, "C"), "", 1),
         (np.float32(DEEP[0] * 0.018 - 459.67), {}, "F", 1),
+        (np.float32(DEEP[0] * 0.01), {}, "K", 1),
     ],
 )
 def test_tiffs_of_every_program_mean_the_same_frames(tmp_path, pixels, options, unit, frames, capfd):
@@ -345,6 +336,7 @@ def test_tiffs_of_every_program_mean_the_same_frames(tmp_path, pixels, options, 
     scale = None if unit or "extratags" in options else Scale(0.01)
     imported = read_stills(path, scale, times=times, unit=unit)
     (info,) = imported.streams
+    assert (info.unit, info.offset) == ("K", 0.0)
     kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in imported.samples]
     assert np.abs(kelvin - DEEP[:frames] * 0.01).max() <= 0.0051
     assert capfd.readouterr() == ("", "")
@@ -477,14 +469,6 @@ def test_failed_import_leaves_nothing(tmp_path):
     with pytest.raises(ConfigError):
         write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "f")
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
-
-
-def test_origin_is_told_in_an_event(tmp_path):
-    imported = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "a.gz")
-    with open_session(tmp_path / "a.h5") as session:
-        assert session.events()[0].kind is EventKind.IMPORTED
-        assert session.events()[0].text.endswith(" a.gz")
 
 
 @pytest.mark.parametrize(

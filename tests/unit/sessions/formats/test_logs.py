@@ -1,6 +1,5 @@
 """Tables of loggers become streams, alone or beside an old session."""
 
-import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -38,12 +37,6 @@ def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path):
     (info,) = imported.streams
     assert (info.unit, info.channels, info.rate_hz) == ("K", ("T1", "T2"), 0.1)
     assert "+12 s" in notes(imported)
-
-
-def test_semicolons_decimal_commas_and_other_encodings(tmp_path):
-    rows = "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n"
-    options = {**ZONELESS, "columns": ("Licht",), "encoding": "cp1252"}
-    assert values(read(tmp_path, rows.encode("cp1252"), **options)) == [(52300.5,), (1.0,)]
 
 
 @pytest.mark.parametrize(
@@ -160,13 +153,6 @@ def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(tmp_pa
     assert "Etc/GMT-2" in str(caught.value.fix)  # what a clock left in summer time needs
 
 
-def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path):
-    text = "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n"
-    imported = read(tmp_path, text, zone=ZoneInfo("Etc/GMT-2"))
-    minutes_after = [(reading.time_ns - END_OF_SUMMER_NS) / 60e9 for reading in readings(imported)]
-    assert minutes_after == [-30.0, 30.0]
-
-
 def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="'2026-03-29 02:01:00'"):
         read(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n", zone=BERLIN)
@@ -198,13 +184,6 @@ def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(tmp_path,
 def test_points_that_may_be_of_thousands_are_refused_as_commas_are(tmp_path, cells, mark):
     with pytest.raises(ConfigError, match=r"'12\.345'"):
         read(tmp_path, parted(mark, cells))
-
-
-def test_cells_that_are_not_numbers_are_counted(tmp_path):
-    imported = read(tmp_path, minutes("T1 [C]", "ERR", "", "3"))
-    ((severity, text),) = imported.notes[1:]
-    assert severity is Severity.WARNING
-    assert re.findall(r"\d+|'.*'", text) == ["1", "'ERR'"]
 
 
 def test_log_that_ran_longer_is_cut_to_the_session(tmp_path):
@@ -296,11 +275,6 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
     assert named.streams[0].measures == ("dni",)
     assert "ghi applies to Sun_Avg" in notes(stated)
     assert "ghi" not in notes(named)
-
-
-def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path):
-    text = TOA5.replace('"Avg"', '"Smp"')
-    assert "interval" not in notes(read(tmp_path, text, zone=DENVER, columns=("Sun_Avg",)))
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
@@ -417,13 +391,6 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
     assert times == sorted(times)
     assert imported.notes[0][1] == "log.csv: 2 rows, times in UTC"
     assert "gust [Bft]" in notes(imported)
-
-
-def test_a_column_named_by_hand_in_an_unknown_unit_is_stored_as_it_came(tmp_path):
-    imported = read(tmp_path, minutes("wind [Bft],T [C]", "3,21"), columns=("wind",))
-    assert [(info.quantity, info.unit) for info in imported.streams] == [("unknown", "Bft")]
-    assert air_quantities(imported.streams[0]) == ("",)
-    assert values(imported) == [(3.0,)]
 
 
 # --- what the table states, no option overrides

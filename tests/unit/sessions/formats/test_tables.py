@@ -65,7 +65,6 @@ def test_lines_around_a_table_do_not_hide_it(tmp_path, text):
         f"Sync,No,Time,T [C]\n2026-06-01 08:00:00,1,{ROWS.splitlines()[0]}\n"
         f"2026-06-01 08:00:00,2,{ROWS.splitlines()[1]}\n",
         f"No,Unix,T [C]\n1,{NOON_S},20.5\n2,{NOON_S + 60},21.5\n",
-        "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.5\n2,2026-06-11,12:01:00,0,+ 21.5\n",
     ],
 )
 def test_times_are_found_behind_counters_and_apart_from_their_dates(tmp_path, text):
@@ -104,12 +103,11 @@ def test_units_stand_in_a_column_of_their_own(tmp_path):
     assert readings(tmp_path, humid) == [(0, 98_760.0), (2, 9880.0), (4, 12.0)]
 
 
-@pytest.mark.parametrize("columns", [100, 300, 768])
-def test_wide_tables_are_read(tmp_path, columns):
-    head = ",".join(str(number) for number in range(columns))
-    rows = "".join(f"2026-06-11 12:0{m}:00,{','.join(['20.5'] * columns)}\n" for m in range(3))
+def test_wide_tables_are_read(tmp_path):
+    head = ",".join(map(str, range(768)))
+    rows = "".join(f"2026-06-11 12:0{m}:00,{','.join(['20.5'] * 768)}\n" for m in range(3))
     imported = logs.read(tmp_path, f"time,{head}\n{rows}", unit="C")
-    assert imported.streams[0].shape == (columns,)
+    assert imported.streams[0].shape == (768,)
     with pytest.raises(ConfigError, check=at(tmp_path / "log.csv", Argument("unit"))):
         logs.read(tmp_path, f"time,{head}\n{rows}")
 
@@ -130,11 +128,6 @@ def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path
     with pytest.raises(ConfigError, match=r"4 cells, .* 2", check=at(f"{tmp_path / 'log.csv'}, row 2")):
         readings(tmp_path, f"time,T [C],\n{rows}")
     assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
-
-
-def test_a_file_that_ends_within_a_line_is_named(tmp_path):
-    imported = logs.read(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
-    assert "row 3 " in logs.notes(imported)
 
 
 def test_a_second_header_ends_the_table_where_its_columns_or_units_are_others(tmp_path):
