@@ -91,14 +91,6 @@ def test_what_a_page_shows_is_what_is_printed(page, tmp_path):
         )
 
 
-def test_every_image_is_shown_and_described():
-    images = ROOT / "docs/images"
-    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
-    shown = {Path(file).name: words for words, file in re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", pages)}
-    assert {path.name for path in images.iterdir() if path.suffix in {".svg", ".png"}} == set(shown)
-    assert all(len(words.split()) > 3 for words in shown.values())
-
-
 def test_the_generated_parts_of_the_reference_are_up_to_date():
     generate = loaded("generate")
     for page, make in generate.PAGES.items():

@@ -148,14 +148,6 @@ def test_every_notebook_is_tested():
     assert [path.name for path in NOTEBOOKS.glob("*.ipynb") if f'"{path.name}"' not in tested] == []
 
 
-def test_notebooks_are_kept_without_outputs():
-    for path in NOTEBOOKS.glob("*.ipynb"):
-        notebook = nbformat.read(path, as_version=4)
-        assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells), (
-            path.name
-        )
-
-
 RECORDS = """
 import fieldkit
 fieldkit.init_campaign("field", simulated=True)

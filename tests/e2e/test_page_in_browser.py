@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,9 +30,6 @@ from tests.harness.field_page import (
     served,
 )
 from tests.harness.waiting import wait_until
-
-if TYPE_CHECKING:
-    pass
 
 pytestmark = pytest.mark.usefixtures("closed_afterwards")
 BACK_WITHIN_S = 2.0
@@ -135,17 +130,23 @@ def _zoom_the_plot(watched: Watched) -> None:
     wait_until(lambda: max(lines()) >= before, "Home does not show all")
 
 
-def test_the_palette_is_chosen_and_kept_on_the_device(browser, page):
+def test_palette_theme_and_language_are_chosen_and_kept_on_the_device(browser, page):
     """Hot is black: the legend begins white."""
-    watched = opened(browser, page.link())
+    watched = opened(browser, page.link(), locale="en", color_scheme="light")
     watched.wait_for_picture()
+    watched.page.locator("#conditions-list", has_text=phrases()["clock.simulated"]).wait_for()  # and no lag
     first = "[...document.getElementById('legend').getContext('2d').getImageData(0, 0, 1, 1).data]"
     assert watched.page.evaluate(first) == [0, 0, 4, 255]  # inferno's first colour (matplotlib)
-    watched.page.locator("#palette").select_option("black hot")
-    assert watched.page.evaluate(first) == [255, 255, 255, 255]
-    watched.page.reload()
-    watched.wait_for_picture()
-    assert watched.page.evaluate(first) == [255, 255, 255, 255]
+    for choice, option in (("palette", "black hot"), ("theme", "dark"), ("language", "ja")):
+        watched.page.locator(f"#{choice}").select_option(option)
+    for _ in range(2):
+        watched.page.locator("html[lang=ja][data-theme=dark]").wait_for()
+        assert watched.page.evaluate(first) == [255, 255, 255, 255]
+        watched.page.reload()
+        watched.wait_for_picture()
+    background = watched.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert max(map(int, re.findall(r"\d+", background))) < 64
+    assert watched.errors == []
 
 
 def test_times_after_the_first_day_of_a_recording_have_their_date(browser, page):
@@ -249,22 +250,6 @@ def test_an_event_has_the_most_particular_text_for_its_kind_and_data(browser, pa
     gap = phrases()["event.gap"].format_map(words)
     missing = Words("issue.missing", count=3, last=9)
     assert shown == [f"clock: {missing}", f"at noon {gap}", "of a {newer} version"]
-
-
-def test_theme_and_language_are_chosen_and_kept_on_the_device(browser, page):
-    watched = opened(browser, page.link(), locale="en", color_scheme="light")
-    watched.wait_for_picture()
-    watched.page.locator("#conditions-list", has_text=phrases()["clock.simulated"]).wait_for()  # and no lag
-    watched.page.locator("#theme").select_option("dark")
-    watched.page.locator("#language").select_option("ja")
-    watched.page.locator("html[lang=ja][data-theme=dark]").wait_for()
-    watched.page.reload()
-    watched.wait_for_picture()
-    root = watched.page.locator("html[lang=ja][data-theme=dark]")
-    assert root.count() == 1
-    background = watched.page.evaluate("getComputedStyle(document.body).backgroundColor")
-    assert max(map(int, re.findall(r"\d+", background))) < 64
-    assert watched.errors == []
 
 
 def test_every_target_is_large_enough_for_a_thumb(browser, page):
@@ -456,59 +441,3 @@ def test_a_browser_without_a_key_is_told_what_to_do(browser, page):
     opened(browser, link).wait_for_picture()
     again = opened(browser, link)
     again.page.locator("#connection[data-key='refused.used']").wait_for()
-
-
-HOSTILE = """<!doctype html><script>
-const target = "http://127.0.0.1:%d";
-const tries = {
-  socket: () => new Promise((resolve, reject) => {
-    const socket = new WebSocket(target.replace("http", "ws") + "/socket");
-    socket.onmessage = (message) => resolve(message.data);
-    socket.onopen = () => { socket.send(JSON.stringify({do: "start", id: 1, name: "stolen"})); };
-    socket.onerror = reject;
-  }),
-  role: async () => (await fetch(target + "/role", {credentials: "include"})).text(),
-  key: async () => (await fetch(target + "/key",
-    {method: "POST", credentials: "include", body: "{}"})).text(),
-  page: async () => (await fetch(target + "/", {credentials: "include"})).text(),
-  frame: () => new Promise((resolve, reject) => {
-    const frame = document.createElement("iframe");
-    frame.src = target;
-    frame.onload = () => { try { resolve(frame.contentDocument.title); } catch (error) { reject(error); } };
-    document.documentElement.append(frame);
-  }),
-};
-(async () => {
-  const got = {};
-  for (const [name, attempt] of Object.entries(tries)) {
-    try { got[name] = await attempt() || null; } catch { got[name] = null; }
-  }
-  window.got = got;
-})();
-</script>"""
-
-
-def test_a_hostile_page_on_another_port_gets_nothing(browser, page):
-    watched = opened(browser, page.link())
-    watched.wait_for_picture()  # this browser has the cookie, which goes to every port of the host
-
-    class Hostile(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("content-type", "text/html")
-            self.end_headers()
-            self.wfile.write((HOSTILE % page.port).encode())
-
-        def log_message(self, *_: Any) -> None:
-            """Nothing."""
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Hostile) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        victim = watched.page.context.new_page()
-        watched.page.context.unroute_all()
-        victim.goto(f"http://127.0.0.1:{server.server_address[1]}/")
-        victim.wait_for_function("window.got")
-        got = victim.evaluate("window.got")
-        server.shutdown()
-    assert got == dict.fromkeys(("socket", "role", "key", "page", "frame")), json.dumps(got)
-    assert "preview" in watched.state

@@ -15,8 +15,6 @@ import pytest
 
 import fieldkit
 from fieldkit.model.errors import FieldkitError, SessionError
-from fieldkit.model.samples import Quality
-from fieldkit.model.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import header, recorded
 
 
@@ -44,11 +42,6 @@ def test_completion_offers_what_is_public_and_nothing_else():
     assert set(dir(fieldkit)) == {"__version__", *typed_names()} == set(fieldkit.__all__)
 
 
-@pytest.mark.parametrize("name", sorted(typed_names()))
-def test_every_public_name_is_there_and_documented(name):
-    assert getattr(fieldkit, name).__doc__
-
-
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "api.md"
 
 
@@ -68,8 +61,11 @@ def test_what_the_reference_describes_is_documented_to_its_last_member(name):
     described = pkgutil.resolve_name(name)
     assert described.__doc__
     members = vars(described).items() if isinstance(described, type) else ()
-    public = {key: one for key, one in members if not key.startswith("_")}
-    bare = [key for key, one in public.items() if callable(getattr(one, "fget", one)) and not one.__doc__]
+    bare = [
+        key
+        for key, one in members
+        if key[0] != "_" and callable(getattr(one, "fget", one)) and not one.__doc__
+    ]
     assert bare == []
 
 
@@ -117,33 +113,15 @@ def test_samples_of_a_stream_by_their_place(session):
         stream[len(stream)]
 
 
-def test_a_stream_plots_itself(session):
-    from matplotlib.figure import Figure
-
-    for name, info in session.streams.items():
-        axes = session[name].plot(Figure().subplots())
-        assert info.is_camera or info.unit in axes.get_ylabel()
-
-
-def test_a_session_without_regions_plots_its_first_meter(session):
+def test_a_session_without_regions_and_its_streams_plot_themselves(session):
     from matplotlib.figure import Figure
 
     axes = session.plot(Figure().subplots())
     assert axes.lines
     assert "local time" in axes.get_xlabel()
-
-
-def test_a_minute_shows_its_tilts_in_one_line():
-    estimates = (
-        SlopeEstimate(0, "b05", SlopeState.OK, tilt_deg=5.04),
-        SlopeEstimate(0, "b15", SlopeState.TOO_FEW),
-    )
-    minute = fieldkit.Minute(
-        time_ns=3_600_000_000_000, estimates=estimates, temperature_k={}, spread_k={}, pixels={},
-        illuminance_lx=64e3, dni_w_m2=901.2, irradiance_model="", sun_zenith_deg=60.0, sun_azimuth_deg=180.0,
-        contact_k=(), flags=Quality.GOOD, events=(),
-    )  # fmt: skip
-    assert repr(minute) == "<Minute 01:00 UTC: b05 5.0°, b15 –°; 901 W/m² direct>"
+    for name, info in session.streams.items():
+        axes = session[name].plot(Figure().subplots())
+        assert info.is_camera or info.unit in axes.get_ylabel()
 
 
 def test_an_import_shows_its_streams_and_warnings_and_opens(tmp_path):
@@ -156,15 +134,6 @@ def test_an_import_shows_its_streams_and_warnings_and_opens(tmp_path):
     with made.open() as session:
         assert isinstance(session, fieldkit.Session)
         assert session["logger"].readings().values.ravel().tolist() == [50000.0, 51000.0]
-
-
-def test_a_campaign_opens_its_instruments_by_name(tmp_path):
-    fieldkit.init_campaign(tmp_path / "field", simulated=True)
-    campaign = fieldkit.open_campaign(tmp_path / "field", {"simulation.speed": "max"})
-    with campaign.open_devices() as devices:
-        assert list(devices) == ["camera", "lux", "thermometer"]
-        assert devices["lux"].read().unit == "lx"
-        assert 250.0 < devices["camera"].read().kelvin.mean() < 330.0
 
 
 @pytest.mark.parametrize(

@@ -43,13 +43,6 @@ def test_everything_to_be_cited_has_the_version_and_date_of_the_changelog():
         assert json.loads((ROOT / name).read_text(encoding="utf-8"))[key] == date
 
 
-def test_every_reference_of_the_paper_is_in_its_bibliography_and_the_other_way_round():
-    folder = ROOT / "docs/paper"
-    cited = set(re.findall(r"(?<![\w.])@(\w+)", (folder / "paper.md").read_text(encoding="utf-8")))
-    listed = set(re.findall(r"(?m)^@\w+\{(\w+),", (folder / "paper.bib").read_text(encoding="utf-8")))
-    assert cited == listed
-
-
 def test_the_conda_recipe_has_this_version_and_these_dependencies():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The field's words: the glossary is used, and words of our own are in no help, message or page."""
+"""Words of our own are in no help, message or page."""
 
 import ast
 import re

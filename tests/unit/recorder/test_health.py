@@ -52,21 +52,6 @@ def test_garbled_records_are_reported_with_their_number_once_a_minute_and_at_the
     assert reported == [[], [3], [], [6], [2], []]
 
 
-def test_a_clock_step_and_a_sleep_are_reported_apart():
-    monitor = ClockMonitor()
-    hour = 3600 * S
-
-    def kinds(utc_minus_mono: int, suspended: int) -> list[EventKind]:
-        check = ClockCheck(0, utc_minus_mono, 100, suspended_ns=suspended)
-        return [event.kind for event in monitor.update(check, 0)[1]]
-
-    assert kinds(0, 0) == []
-    assert kinds(S // 10, 0) == []  # the drift of a minute is no step
-    assert kinds(hour, 0) == [EventKind.CLOCK_STEP]
-    assert kinds(hour + 660 * S, 660 * S) == [EventKind.SLEPT]
-    assert kinds(660 * S, 660 * S) == [EventKind.CLOCK_STEP]  # stepped back
-
-
 def test_a_shrinking_disk_warns_then_stops_pictures_then_asks_to_seal():
     monitor = DiskMonitor(reserve_bytes=64 * MB)
     assert not list(monitor.update(10_000 * MB, 1 * MB, 0, 0))

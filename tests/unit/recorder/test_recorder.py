@@ -78,7 +78,10 @@ def is_whole(counts: dict[str, int]) -> bool:
 
 @pytest.mark.parametrize(
     ("part", "method", "at"),
-    [(Estimator, "collect", 100), (Estimator, "minute", 1), (RegionFollower, "update", 2)],
+    [
+        *((Estimator, "collect", 100), (Estimator, "minute", 1), (RegionFollower, "update", 2)),
+        (Estimator, "collect_rest", 1),  # at the very end
+    ],
 )
 def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
     campaign, monkeypatch, part, method, at
@@ -98,20 +101,6 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
     (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
     assert (lost.severity, "ZeroDivisionError('dark')" in lost.text) == (Severity.ERROR, True)
     assert failures == [1]  # it is not asked again
-
-
-def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_being_sealed(
-    campaign, monkeypatch
-):
-    def fail(self: Estimator) -> None:
-        raise ValueError("empty")
-
-    monkeypatch.setattr(Estimator, "collect_rest", fail)  # only a mistake of ours does
-    assert record(campaign).exit_code == 0
-    counts, events = stored(the_session(campaign))
-    assert is_whole(counts)
-    (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
-    assert (lost.severity, "ValueError('empty')" in lost.text) == (Severity.ERROR, True)
 
 
 def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):

@@ -51,16 +51,6 @@ def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone():
     assert inbox.dropped == {"lux": 3}
 
 
-def test_is_busy_until_the_last_item_is_done():
-    inbox = SampleQueue({"lux": 2})
-    inbox.put(reading(1))
-    item = inbox.get(0.0)
-    assert item is not None
-    assert inbox.is_busy()
-    inbox.finish(item)
-    assert not inbox.is_busy()
-
-
 def test_samples_pass_while_a_minute_is_estimated_and_time_is_held_until_it_is_processed():
     inbox, found = SampleQueue({"lux": 4}), Future[Minute]()
     inbox.put_when_done(found)

@@ -1,16 +1,13 @@
 """`fieldkit.open_campaign`: sessions, estimates, pandas and xarray."""
 
-import math
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import fieldkit
-from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.session import open_session
-from fieldkit.results.sources import config_for, qualified_key
+from fieldkit.results.sources import config_for
 from tests.harness.command_line import document, succeed
 from tests.harness.replayed_minutes import replayed_minutes
 
@@ -18,13 +15,6 @@ from tests.harness.replayed_minutes import replayed_minutes
 @pytest.fixture
 def campaign(folder):
     return fieldkit.open_campaign(folder)
-
-
-def test_a_campaign_has_its_sessions_by_age(campaign, folder, sessions):
-    assert campaign.directory == folder
-    assert [session.path for session in campaign.sessions] == sessions
-    with campaign.sessions[0] as session:
-        assert session.state == "sealed"
 
 
 def test_settings_replace_values_of_the_file_and_stay_when_a_region_is_added(folder, tmp_path):
@@ -75,23 +65,6 @@ def test_a_dataset_has_time_and_region(campaign):
     assert dict(dataset.sizes) == {"time": estimates.minutes, "region": 3}
     last = list(estimates)[-1]
     assert float(dataset.tilt_deg[-1].sel(region=last.region)) == pytest.approx(last.tilt_deg, nan_ok=True)
-
-
-def test_estimates_come_back_whole(campaign):
-    one = next(iter(campaign.sessions[0].estimate()))
-    assert one.region == "b05"
-    assert one.reason.startswith("1 of 5 minutes so far; only the component along the sun: ")
-    assert math.isnan(one.tilt_deg)
-
-
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [("albedo", "surface.albedo"), ("exchange_m_s", "air.exchange_m_s"), ("window_s", "estimator.window_s")],
-)
-def test_short_names_of_parameters(name, key):
-    assert qualified_key(name) == key
-    table, _, own = key.partition(".")
-    assert own in known_keys((table,))
 
 
 def test_ambiguous_names_and_impossible_values_are_refused(campaign):

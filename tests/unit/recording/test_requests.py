@@ -92,15 +92,6 @@ def test_an_absolute_time_is_taken_in_its_own_zone(folder, clock):
     assert event.mono_ns == clock.mono_ns() - 29_750_000_000
 
 
-def test_marks_come_in_the_order_they_were_dropped(folder, clock):
-    for number in range(20):
-        file = folder / f"{send(folder, Mark(f'mark {number}'))}.json"
-        os.utime(file, (1e9 + number, 1e9 + number))
-    assert [event.text for event in RequestReader(folder, clock)()] == [
-        f"mark {number}" for number in range(20)
-    ]
-
-
 def test_a_half_written_mark_is_not_seen(folder, clock):
     (folder / ".half").write_text('{"text": "ha')
     assert list(RequestReader(folder, clock)()) == []

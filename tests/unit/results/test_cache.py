@@ -21,26 +21,19 @@ def test_what_was_stored_is_found_to_the_bit(tmp_path):
     }
 
 
-def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
+def test_an_entry_that_was_cut_or_in_which_any_bit_flipped_is_as_if_it_were_not_there(tmp_path):
     cache = Cache(tmp_path)
-    cache.store("abc", {"x": np.arange(100.0)})
+    cache.store("abc", {"x": np.arange(3.0), "names": np.array(["a", "b"])})
     (entry,) = tmp_path.rglob("*.arrays")
     whole = entry.read_bytes()
-    overwritten = whole[:200] + b"\xff" * 40 + whole[240:]
-    for damaged in (b"", whole[: len(whole) // 2], b"PK" + bytes(50), overwritten):
+    flipped = (
+        whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :]
+        for place in range(len(whole))
+    )
+    for damaged in (b"", whole[: len(whole) // 2], b"PK" + bytes(50), *flipped):
         entry.write_bytes(damaged)
         assert cache.load("abc") is None
     assert cache.load("never stored") is None
-
-
-def test_an_entry_with_any_flipped_bit_is_made_again(tmp_path):
-    cache, arrays = Cache(tmp_path), {"x": np.arange(3.0), "names": np.array(["a", "b"])}
-    cache.store("abc", arrays)
-    (entry,) = tmp_path.rglob("*.arrays")
-    whole = entry.read_bytes()
-    for place in range(len(whole)):
-        entry.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
-        assert cache.load("abc") is None
 
 
 def test_an_entry_is_never_executed(tmp_path):

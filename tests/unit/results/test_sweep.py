@@ -114,14 +114,9 @@ def test_a_set_that_hardly_answers_is_not_ranked():
     assert np.isnan(found.error_deg[0])
 
 
-def test_a_session_without_any_answer_counts_for_nothing():
-    found = ranking_of([[3, np.nan], [1, np.nan], [2, np.nan]])
-    assert (found.best, found.folds) == (1, 1)
-
-
-def test_a_session_without_any_answer_is_named():
+def test_a_session_without_any_estimate_counts_for_nothing_and_is_named():
     found = ranking_of([[3, np.nan, 3], [1, np.nan, 1], [2, np.nan, 2]])
-    assert found.unranked == ("day-2",)
+    assert (found.best, found.folds, found.unranked) == (1, 2, ("day-2",))
     (warning,) = found.warnings
     assert warning.endswith(": day-2")
 

@@ -377,19 +377,3 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(tm
     assert all("did not confirm the last second" in text for text in told)
     assert str(part) in told[0]
     journal.close()
-
-
-def test_journal_that_is_deleted_is_reported_at_once_and_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
-    journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
-    told: list[str] = []
-    thread = SyncThread(journal, told.append)
-    thread.start()
-    wait_until(lambda: thread.took_ms > 0.0, "nothing is synced")
-    assert told == []
-    shutil.rmtree(journal.folder)
-    wait_until(lambda: told, "it is not reported")
-    thread.stop()  # after one more sync
-    assert len(told) == 1
-    assert "was deleted while recording" in told[0]
-    journal.close()

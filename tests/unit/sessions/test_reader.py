@@ -100,20 +100,6 @@ def test_other_hdf5_files_are_refused(tmp_path):
             open_session(tmp_path / name)
 
 
-def test_a_stream_by_its_name_gives_what_the_session_gives(path):
-    with open_session(path) as session:
-        camera, lux = session["camera"], session["lux"]
-        assert list(session) == list(session.streams)
-        assert "lux" in session
-        assert "nothing" not in session
-        assert (camera.name, len(camera)) == ("camera", session.count("camera"))
-        assert np.array_equal(camera.counts[3], session.raw("camera")[3])
-        assert np.array_equal(camera.times_ns(), session.times_ns("camera"))
-        assert np.array_equal(camera.flags(), session.flags("camera"))
-        assert [one.seq for one in lux.samples()] == [one.seq for one in session.samples("lux")]
-        assert np.array_equal(lux.readings().values, session.readings("lux").values)
-
-
 def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path):
     with open_session(path) as session:
         with pytest.raises(SessionError, match="no stream 'nothing'") as caught:

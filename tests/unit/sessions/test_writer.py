@@ -28,7 +28,7 @@ from fieldkit.sessions.recovery import Outcome, recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.disk import full_disk
 from tests.harness.next_steps import at, steps
-from tests.harness.recording import SPAWN, CountedClock, fill, header, interrupted, recorded, same, sample
+from tests.harness.recording import SPAWN, CountedClock, fill, header, recorded, same, sample
 from tests.harness.waiting import wait_until
 
 HEADER = header((24, 32))
@@ -254,20 +254,6 @@ def filled_without_its_file(
         appended = fill(writer, frames, clock)
         wait_until(goes_on, "the file does not fail")
     return writer, appended
-
-
-def test_abandoned_session_is_left_for_recovery(tmp_path):
-    path = tmp_path / "a.h5"
-    appended = interrupted(path, HEADER, 30)
-    with open_session(path) as session:
-        assert session.state == "interrupted"
-    report = recover(path)
-    assert (report.counts["camera"], report.lost_samples, report.was_complete) == (30, 0, False)
-    appended_and_read(path, appended)
-    assert recover(path).was_complete
-    with open_session(path) as session:
-        assert session.state == "recovered"
-        assert session.events()[-1].kind is EventKind.RECOVERED
 
 
 def test_living_recording_can_be_read_but_not_recovered(tmp_path):

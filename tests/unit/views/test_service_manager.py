@@ -51,12 +51,9 @@ def record(folder):
         process.wait()
 
 
-def test_nothing_is_sent_to_nobody(monkeypatch):
+def test_a_manager_that_is_none_or_has_gone_does_no_harm(tmp_path, monkeypatch):
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     notify("READY=1")
-
-
-def test_a_manager_that_has_gone_does_no_harm(tmp_path, monkeypatch):
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
     notify("READY=1")
 
@@ -82,16 +79,6 @@ def test_a_recording_is_ready_alive_and_stopping(manager, record):
     process.send_signal(signal.SIGTERM)
     assert manager.waits_for("STOPPING=1")
     assert process.wait(60) == 0
-
-
-def test_a_stopped_process_feeds_no_watchdog(manager, record):
-    process = record()
-    assert manager.waits_for("WATCHDOG=1")
-    process.send_signal(signal.SIGSTOP)
-    manager.drain()
-    assert not manager.waits_for("WATCHDOG=1", SILENCE_S)
-    process.send_signal(signal.SIGCONT)
-    assert manager.waits_for("WATCHDOG=1")
 
 
 def test_a_blocked_recorder_feeds_no_watchdog_while_its_reading_threads_go_on(manager, folder):

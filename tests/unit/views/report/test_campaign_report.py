@@ -38,10 +38,7 @@ def test_errors_are_by_bed_and_day_and_over_all(written):
     assert re.search(r"1\.5° over 40\b", text)  # 2, 2, 1 and 1 degrees
     for needed in ("2017-12-11", "2017-12-12", "2.0 (1.00)", "2.0 (0.00)", "1.0 (0.00)", "sand &amp; sun"):
         assert needed in text
-
-
-def test_eq_9_as_printed_is_smaller_by_the_root_of_ten(written):
-    assert "2.0 (0.32)" in written(sd="paper")
+    assert "2.0 (0.32)" in written(sd="paper")  # eq. (9) as printed: smaller by the root of ten
 
 
 def test_slopes_and_both_figures_of_the_paper_are_there_and_nothing_is_fetched(written):

@@ -106,7 +106,7 @@ def test_the_emissivity_that_slopes_use_is_shown_with_what_speaks_against_it(wri
         assert expected in page.text
 
 
-def test_report_tells_what_where_when_and_how_good(page_text):
+def test_report_states_what_where_when_and_how_good(page_text, recorded):
     page = Page(page_text)
     for needed in (
         "sand <slopes>",
@@ -119,8 +119,10 @@ def test_report_tells_what_where_when_and_how_good(page_text):
         "an exchange with the air good to 15%, and 20% of scale for what the paper's model omits",
         "SD by eq. (9) as printed", "camera back after 14 s", "3 clock checks (system)", "+4.0 ms",
         "A. Nonymous", "fieldkit record --for 45m", "unit-norm, model paper", "numpy", 'azimuth = "known"',
+        hashlib.sha256(recorded.read_bytes()).hexdigest(),
     ):  # fmt: skip
         assert needed in page.text, needed
+    assert "Simulated." not in page.text  # one that is: tests/unit/cli/test_report_and_live.py
 
 
 def test_results_in_the_papers_world_are_right(page_text, minutes, regions, settings):
@@ -134,26 +136,16 @@ def test_results_in_the_papers_world_are_right(page_text, minutes, regions, sett
     assert "RMSE 0.0" in Page(page_text).text
 
 
-def test_checksum_is_the_files(page_text, recorded):
-    assert hashlib.sha256(recorded.read_bytes()).hexdigest() in page_text
-
-
-def test_every_figure_has_words_for_those_who_cannot_see_it(page_text):
+def test_every_figure_has_words_and_a_free_azimuth_its_own_figure(page_text, written, settings):
     page = Page(page_text)
     assert len(page.alternatives) == 5  # the azimuth was given: no figure of it
     assert all(len(words) > 20 for words in page.alternatives)
     assert 'role="img" aria-label="Thermal image' in re.sub(r"xmlns=\S+ ", "", page_text)
-
-
-def test_a_free_azimuth_has_its_own_figure(written, settings):
-    page = Page(written(settings=replace(settings, azimuth="free")))
-    assert len(page.alternatives) == 6
-
-
-def test_picture_shows_the_regions(page_text):
     assert page_text.count("<polygon") == 2 * 3
     for name in ("flat", "b15", "b25"):
         assert f">{name}</text>" in page_text
+    free = Page(written(settings=replace(settings, azimuth="free")))
+    assert len(free.alternatives) == 6
 
 
 @pytest.mark.usefixtures("without_matplotlib")  # its words are of a table
@@ -291,11 +283,6 @@ def test_verdict_counts_troubles_and_names_an_unsealed_session(make_minute, regi
     warnings = assess(series([make_minute(0, state=SlopeState.OK)], regions), lost, "interrupted").warnings
     assert any(warning.startswith("2 devices lost") for warning in warnings)
     assert any("interrupted" in warning for warning in warnings)
-
-
-def test_a_measured_session_is_not_called_simulated(page_text):
-    """A simulated one is: tests/unit/cli/test_report_and_live.py."""
-    assert "Simulated." not in Page(page_text).text
 
 
 def test_without_regions_no_axes_of_slopes_are_drawn(written, minutes):

@@ -46,14 +46,9 @@ def test_eq_7_with_the_reference_standing_in_for_air_and_sky_gives_the_golden_te
     assert modelled == pytest.approx(MEASURED_K, abs=2e-4)  # 0.003 degrees of sun
 
 
-def test_a_bed_of_unknown_slope_has_no_modelled_temperature(hours):
-    unknown = Region("b10", RegionKind.TARGET, CORNERS)
-    columns = series(hours, (FLAT, unknown))
-    assert np.isnan(modelled_temperature(columns, columns.targets[0], SurfaceParameters())).all()
-
-
-def test_without_a_reference_there_is_no_modelled_temperature(hours):
-    columns = series(hours, (B10,))
+@pytest.mark.parametrize("regions", [(FLAT, Region("b10", RegionKind.TARGET, CORNERS)), (B10,)])
+def test_without_a_slope_or_a_reference_there_is_no_modelled_temperature(hours, regions):
+    columns = series(hours, regions)
     assert np.isnan(modelled_temperature(columns, columns.targets[0], SurfaceParameters())).all()
 
 
