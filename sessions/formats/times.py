@@ -245,9 +245,11 @@ def _by_pattern(text: str, pattern: str) -> datetime:
     """
     parts = re.split("((?:%[A-Za-z])+)", pattern)
     literals = [re.escape(part).replace(r"\ ", r"\s+") for part in parts[::2]]
-    match = re.fullmatch("(.+?)".join(literals), text)
+    match = re.fullmatch("(.+?)".join(literals), text, re.IGNORECASE)
+    if match is None:  # strptime compiles each of hundreds of patterns to find out
+        raise ValueError(f"{text} is not written as {pattern}")
     days = 0
-    for place, (run, cell) in enumerate(zip(parts[1::2], match.groups() if match else (), strict=False)):
+    for place, (run, cell) in enumerate(zip(parts[1::2], match.groups(), strict=True)):
         width = sum(_WIDTHS.get(code, 2) for code in run[1::2])
         if len(run) > 2 and cell.isdigit() and len(cell) < width:
             if not run.startswith("%H") or (run != "%H%M" and len(cell) < width - 1):
@@ -256,7 +258,7 @@ def _by_pattern(text: str, pattern: str) -> datetime:
         if run.startswith("%H%M") and cell.startswith("2400"):
             cell, days = f"00{cell[2:]}", 1
         parts[2 * place + 1] = cell
-    return datetime.strptime("".join(parts) if match else text, pattern) + timedelta(days=days)
+    return datetime.strptime("".join(parts), pattern) + timedelta(days=days)
 
 
 @lru_cache

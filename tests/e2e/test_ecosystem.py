@@ -10,7 +10,6 @@ Each engine bundles its own HDF5 library, so each runs in a process of its own.
 import json
 import shutil
 import subprocess
-import sys
 from typing import Any
 
 import h5py
@@ -20,6 +19,7 @@ import fieldkit
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.command_line import run_code
 from tests.harness.recording import CountedClock, fill, header, picture
 
 FRAMES = 30
@@ -126,11 +126,8 @@ def session(tmp_path_factory):
     return path
 
 
-def output(script: str, *arguments: str) -> dict[str, Any]:
-    command = [sys.executable, "-c", script, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+def output(script: str, *arguments: str) -> Any:
+    return json.loads(run_code(script, *arguments))
 
 
 def test_viewers_of_nexus_plot_the_camera(session):
@@ -216,10 +213,10 @@ def test_a_netcdf_export_has_no_error_by_the_checker_of_cf(session, tmp_path):
     """The checker looks at the root of a file only: each group is one of its own for it."""
     (path,) = fieldkit.export(session, "netcdf", tmp_path).files
     (tmp_path / "flat").mkdir()
-    subprocess.run([sys.executable, "-c", FLAT, str(path), str(tmp_path / "flat")], check=True)
+    run_code(FLAT, path, tmp_path / "flat")
     flat = sorted((tmp_path / "flat").glob("*.nc"))
     assert len(flat) > 8
-    subprocess.run([sys.executable, "-c", CF, *map(str, flat)], check=True, capture_output=True)
+    run_code(CF, *flat)
     reports = [json.loads(path.with_name(f"{path.name}.json").read_text())["cf:1.11"] for path in flat]
     errors = [result["msgs"] for report in reports for result in report["high_priorities"]]
     assert len(errors) > len(flat)

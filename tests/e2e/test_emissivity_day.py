@@ -93,14 +93,10 @@ def test_the_wizard_watches_steadiness_and_the_truth_lies_inside_what_it_states(
     assert record["details"]["reflected_by"] == "foil, ISO 18434-1"
 
 
-def test_a_shutter_correction_runs_before_each_burst(emissivity_day):
+def test_the_day_is_sealed_with_its_bursts_and_the_foil_is_no_bed(emissivity_day):
     with open_session(emissivity_day) as session:
-        assert session.count("camera") == pytest.approx(2 * 135, abs=4)
         assert session.state == "sealed"
-
-
-def test_the_foil_is_no_bed(emissivity_day):
-    with open_session(emissivity_day) as session:
+        assert session.count("camera") == pytest.approx(2 * 135, abs=4)
         assert {estimate.region for estimate in session.estimates()} == {"steep"}
         assert {region.name: region.kind for region in session.regions}["foil"] is RegionKind.FOIL
 

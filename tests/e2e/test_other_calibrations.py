@@ -7,13 +7,11 @@ import os
 import pty
 import shlex
 import shutil
-import socket
 import threading
 import time
 import tomllib
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import reduce
 from operator import xor
@@ -163,12 +161,12 @@ def test_the_light_meters_factor_from_the_stations_own_file(three_beds, tmp_path
     assert "40.125, -105.237" in elsewhere.output  # where Table Mountain stands
 
 
-def recorded(folder: Path, readings: int) -> Path:
+def record_readings(folder: Path, count: int) -> Path:
     """The session of a receiver ``gps``, stopped once so many of its readings are in it."""
     process = program("record", "-C", folder, "--quiet", stdout=None, stderr=None)
     try:
         wait_until(lambda: session_in_progress(folder / "recordings"), "nothing is recorded", every_s=0.1)
-        wait_until(lambda: status(folder)["counts"]["gps"] >= readings, "too few readings", every_s=0.2)
+        wait_until(lambda: status(folder)["counts"]["gps"] >= count, "too few readings", every_s=0.2)
         path = stop(folder)
     finally:
         process.kill()
@@ -178,50 +176,8 @@ def recorded(folder: Path, readings: int) -> Path:
 
 
 @pytest.fixture
-def receiver():
-    """A gpsd whose receiver is 27.5 s ahead of this computer; the address it listens at."""
-
-    def serve() -> None:
-        with suppress(OSError), server.accept()[0] as connection:  # until the recording hangs up
-            while True:
-                ahead = datetime.now(UTC) + timedelta(seconds=27.5)
-                place = {"class": "TPV", "mode": 3, "lat": 37.7, "lon": -105.92, "alt": 2317.0}
-                connection.sendall(json.dumps({**place, "time": ahead.isoformat()}).encode() + b"\n")
-                time.sleep(0.2)  # five fixes a second, as receivers send them
-
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        threading.Thread(target=serve, daemon=True).start()
-        yield f"127.0.0.1:{server.getsockname()[1]}"
-
-
-def test_the_clock_against_a_receiver_and_applied(receiver, tmp_path):
-    gps = f'[device.gps]\ndriver = "gpsd"\nport = "{receiver}"\n'
-    (tmp_path / "fieldkit.toml").write_text(
-        campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
-    )
-    session = recorded(tmp_path, 12)
-    found = calibrated("clock", session, "--gps", "gps", "--apply")
-    assert found["value"] == pytest.approx(27.5, abs=0.5)
-    assert found["expanded_uncertainty"] == pytest.approx(
-        0.8, abs=0.1
-    )  # a receiver's sentences: 0.4 s, k = 2
-    with open_session(session) as opened:
-        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns(recorded=True)
-    assert moved_ns == pytest.approx(found["value"] * 1e9, abs=1e6)
-    refused = fieldkit("calibrate", "clock", session, "--gps", "watch", code=3)
-    assert "watch" in refused.output
-
-
-def nmea(moment: datetime, status: str) -> bytes:
-    """An RMC sentence with its check, as receivers write it: A with a fix, V without."""
-    place = "3541.3668,N,13945.3012,E,0.02,77.52" if status == "A" else ",,,,,"
-    body = f"GPRMC,{moment:%H%M%S}.00,{status},{place},{moment:%d%m%y},,,{status if status == 'A' else 'N'}"
-    return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()
-
-
-@pytest.fixture
 def talking(tmp_path):
-    """Records an NMEA receiver that sends, five times a second, what a function says."""
+    """Records an NMEA receiver that sends, five times a second, what a function says; the session."""
     far, near = pty.openpty()
     tty.setraw(near)
     ended = threading.Event()
@@ -240,7 +196,7 @@ def talking(tmp_path):
         (tmp_path / "fieldkit.toml").write_text(
             campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
         )
-        return recorded(tmp_path, 25)
+        return record_readings(tmp_path, 25)
 
     threads: list[threading.Thread] = []
     yield record
@@ -251,7 +207,14 @@ def talking(tmp_path):
     os.close(near)
 
 
-def test_a_receivers_time_before_its_fix_does_not_count(talking):
+def nmea(moment: datetime, status: str) -> bytes:
+    """An RMC sentence with its check, as receivers write it: A with a fix, V without."""
+    place = "3541.3668,N,13945.3012,E,0.02,77.52" if status == "A" else ",,,,,"
+    body = f"GPRMC,{moment:%H%M%S}.00,{status},{place},{moment:%d%m%y},,,{status if status == 'A' else 'N'}"
+    return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()
+
+
+def test_a_receivers_time_counts_from_its_fix_on_and_is_applied(talking):
     """Until then it goes by its own clock, from the date its maker gave it (gpsd's and minmea's logs)."""
 
     def said(seconds: float) -> bytes:
@@ -260,8 +223,14 @@ def test_a_receivers_time_before_its_fix_does_not_count(talking):
         return nmea(datetime.now(UTC) + timedelta(seconds=27.5), "A")
 
     session = talking(said)
-    found = calibrated("clock", session, "--gps", "gps")
+    found = calibrated("clock", session, "--gps", "gps", "--apply")
     assert found["value"] == pytest.approx(27.0, abs=0.7)  # whole seconds, cut off: half a second late
+    assert found["expanded_uncertainty"] == pytest.approx(0.8, abs=0.2)  # of its sentences 0.4 s, k = 2
+    with open_session(session) as opened:
+        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns(recorded=True)
+    assert moved_ns == pytest.approx(found["value"] * 1e9, abs=1e6)
+    refused = fieldkit("calibrate", "clock", session, "--gps", "watch", code=3)
+    assert "watch" in refused.output
 
 
 @pytest.mark.parametrize(

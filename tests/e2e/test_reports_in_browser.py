@@ -77,14 +77,6 @@ def test_axe_finds_nothing_and_nothing_is_fetched(browser, pages, name, scheme):
     assert watched.errors == []
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_no_page_scrolls_sideways(browser, pages, name):
-    page = opened(browser, pages[name].as_uri(), PHONE).page
-    for width in (390, 800):
-        page.set_viewport_size({"width": width, "height": 800})
-        assert page.evaluate("document.documentElement.scrollWidth") == width
-
-
 @pytest.mark.parametrize("size", [DESK, PHONE])
 def test_the_first_screen_shows_slopes_frame_and_the_state_of_the_data(browser, pages, size):
     page = opened(browser, pages["session"].as_uri(), size).page
@@ -147,15 +139,18 @@ def test_simulated_sessions_say_so(browser, pages, name):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(browser, pages, name):
-    page = opened(browser, pages[name].as_uri(), DESK, color_scheme="dark").page
+def test_no_page_scrolls_sideways_and_a_print_breaks_neither_after_a_heading_nor_within_a_row(
+    browser, pages, name
+):
+    page = opened(browser, pages[name].as_uri(), PHONE, color_scheme="dark").page
+    for width in (390, 800):
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") == width
     page.emulate_media(media="print")
     assert page.evaluate(BREAKS, ["h2, h3", "breakAfter"]) in (["avoid"], [])
-    rows = "p, li, tr"
-    assert page.evaluate(BREAKS, [rows, "breakInside"]) == ["avoid"]
-    assert (
-        page.locator(".parts:visible, .readings:visible, details:not([open], .printed):visible").count() == 0
-    )
+    assert page.evaluate(BREAKS, ["p, li, tr", "breakInside"]) == ["avoid"]
+    for hidden in (".parts", ".readings", "details:not([open], .printed)"):
+        assert page.locator(f"{hidden}:visible").count() == 0
 
 
 def test_an_exported_video_plays(browser, pages):

@@ -2,11 +2,10 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import pytest
 
+from tests.harness.command_line import run_code
 from tests.harness.disk import PROJECT
 
 SOAK = """
@@ -51,10 +50,7 @@ print(json.dumps({"memory": memory, "counts": report.counts, "journal": largest}
 def test_long_recording_loses_nothing_and_keeps_its_memory(tmp_path, frames):
     if shutil.disk_usage(tmp_path).free < frames * 40_000 + 2_000_000_000:
         pytest.skip("not enough room on this disk")
-    words = [sys.executable, "-c", SOAK, str(tmp_path / "soak.h5"), str(frames)]
-    done = subprocess.run(words, cwd=PROJECT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = json.loads(run_code(SOAK, tmp_path / "soak.h5", frames, cwd=PROJECT))
     meters = -(-frames // 9)
     assert found["counts"] == {"camera": frames, "lux": meters, "thermometer": meters}
     assert found["journal"] < 1_100_000_000
@@ -89,8 +85,6 @@ print(json.dumps(memory))
 
 @pytest.mark.slow
 def test_the_memory_of_a_recorder_that_estimates_grows_by_less_than_a_fifth_of_a_megabyte_an_hour(tmp_path):
-    words = [sys.executable, "-c", FLAT, str(tmp_path / "sand"), "24"]
-    done = subprocess.run(words, cwd=PROJECT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    memory = json.loads(done.stdout)[6 * 60 :]  # by then all that has a bound has reached it
+    printed = run_code(FLAT, tmp_path / "sand", 24, cwd=PROJECT)
+    memory = json.loads(printed)[6 * 60 :]  # by then all that has a bound has reached it
     assert (memory[-1] - memory[0]) / (len(memory) / 60) <= 0.2

@@ -72,15 +72,6 @@ def values_of(learnt: Learnt) -> list[float]:
     return [parameter.value for parameter in learnt.parameters]
 
 
-def test_replay_and_estimate_say_the_same(session_file):
-    batch = document("estimate", session_file)["slopes"]
-    replayed = document("replay", session_file, "--speed", "max")["slopes"]
-    for one, other in zip(batch, replayed, strict=True):
-        assert one["region"] == other["region"]
-        assert one["tilt_deg"] == pytest.approx(other["tilt_deg"], abs=1e-9)
-        assert one["azimuth_deg"] == pytest.approx(other["azimuth_deg"], abs=1e-9)
-
-
 def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session_file):
     with open_session(session_file) as session:
         assert session.state == "sealed"
@@ -95,17 +86,6 @@ def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session
 def test_check_finds_nothing_wrong_with_a_clear_session(session_file):
     (checked,) = document("check", session_file)["sessions"]
     assert [one for one in checked["findings"] if one["level"] != "ok"] == []
-
-
-def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file):
-    """Measured: NOAA SURFRAD, Alamosa, 2016-01-01 (direct_n of the station's own pyrheliometer)."""
-    from fieldkit.weather import packaged_day
-
-    weather = packaged_day()
-    with open_session(session_file) as session:
-        table = session.irradiance()
-    measured = np.interp(table["time_ns"], weather.time_ns, weather.dni_w_m2)
-    np.testing.assert_allclose(table["irradiance_w_m2"], measured, rtol=0.10)
 
 
 @pytest.mark.parametrize(("fault", "kind"), [("cable", EventKind.LOST), ("shutter", EventKind.SHUTTER)])

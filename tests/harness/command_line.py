@@ -48,3 +48,11 @@ def run_program(*words: object, **options: Any) -> subprocess.CompletedProcess[s
     """The same once it has ended."""
     command = [*PROGRAM, *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+def run_code(code: str, *words: object, **options: Any) -> str:
+    """What Python code prints in a process of its own, which must end without an error."""
+    command = [sys.executable, "-c", code, *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from fieldkit.disk import Patience, one_at_a_time, replacing, sha256
+from fieldkit.disk import Patience, one_at_a_time, replacing
 from tests.harness import disk
 
 
@@ -48,12 +48,6 @@ def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path):
         with replacing(path, synced=synced) as draft:
             draft.write_text(text)
         assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("file", text)]
-
-
-def test_checksum_of_a_file_is_its_sha_256(tmp_path):
-    (tmp_path / "file").write_bytes(b"abc")  # the example of FIPS 180-2, B.1
-    known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    assert sha256(tmp_path / "file") == known
 
 
 def test_the_next_one_waits_until_a_process_has_ended(tmp_path):

@@ -6,8 +6,6 @@ import ast
 import pkgutil
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ import pytest
 
 import fieldkit
 from fieldkit.model.errors import FieldkitError, SessionError
+from tests.harness.command_line import run_code
 from tests.harness.recording import header, recorded
 
 
@@ -76,8 +75,7 @@ def test_a_misspelt_name_is_suggested():
 
 def test_completion_imports_nothing_but_the_version():
     code = "import sys, fieldkit; dir(fieldkit); print(*sorted(m for m in sys.modules if 'fieldkit.' in m))"
-    loaded = subprocess.check_output([sys.executable, "-c", code], text=True).split()
-    assert loaded == ["fieldkit.model", "fieldkit.model.version"]
+    assert run_code(code).split() == ["fieldkit.model", "fieldkit.model.version"]
 
 
 def test_errors_carry_what_to_do_next():

@@ -1,8 +1,8 @@
 """A colleague's laptop runs Windows: what reads sessions needs nothing that only POSIX has."""
 
-import subprocess
-import sys
 from pathlib import Path
+
+from tests.harness.command_line import run_code
 
 SESSION = Path(__file__).parents[1] / "data" / "sessions" / "2.0.h5"
 
@@ -50,12 +50,6 @@ assert fieldkit.check(folder / "a.h5")
 
 
 def test_sessions_are_read_estimated_and_reported_without_posix(tmp_path):
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(SESSION), str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert run.returncode == 0, run.stderr
+    run_code(PROGRAM, SESSION, tmp_path, timeout=120)
     assert (tmp_path / "a.html").stat().st_size > 10_000
     assert (tmp_path / "both.html").exists()

@@ -6,8 +6,6 @@ by UT1 - UTC only: tolerance 0.003 degrees.
 """
 
 import os
-import subprocess
-import sys
 
 import astropy.units as u
 import numpy as np
@@ -20,6 +18,7 @@ from pvlib import atmosphere
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, incidence_deg, normal
 from fieldkit.physics.sun import exact_vectors, refract, sun_angles, sun_vectors
+from tests.harness.command_line import run_code
 
 iers.conf.auto_download, iers.conf.auto_max_age = False, None
 """astropy here reads what it brings along, as fieldkit does."""
@@ -140,11 +139,8 @@ print(*sun_angles([1504062000_000000000, 1860000000_000000000], Site(35.558675, 
 
 def test_sun_works_with_sockets_blocked_and_no_cache(tmp_path):
     empty = os.environ | dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), str(tmp_path))
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_SOCKETS], capture_output=True, text=True, env=empty, timeout=500
-    )
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout.split()[0]) == pytest.approx(26.87753, abs=TOLERANCE_DEG)
+    printed = run_code(WITHOUT_SOCKETS, env=empty, timeout=500)
+    assert float(printed.split()[0]) == pytest.approx(26.87753, abs=TOLERANCE_DEG)
 
 
 @pytest.mark.parametrize("site", [PAPER, Site(-33.9, 151.2, 60.0), Site(78.2, 15.6)])

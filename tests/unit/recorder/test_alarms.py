@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.alarm import Alarm, Condition, present_alarms
+from fieldkit.model.alarm import Condition, present_alarms
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Severity, StreamHealth
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.recorder.alarms import BAND_DEG, AlarmEngine, AlarmSettings, Limits
@@ -162,22 +162,6 @@ def test_an_acknowledged_alarm_stays_until_it_is_over():
         one for item in [lost(40, EventKind.BACK), *every_second(40, 60)] for one in watched.update(item)
     ]
     assert present_alarms(events) == ()
-
-
-def test_an_alarm_travels_whole_in_its_event():
-    watched = engine()
-    events = [
-        one
-        for item in [*every_second(0, 5), lost(5), *map(health, range(5, 20))]
-        for one in watched.update(item)
-    ]
-    text = "lux does not respond"
-    assert present_alarms(events) == (Alarm("lost", "lux", Severity.ERROR, ANCHOR_NS + 5 * S, text),)
-    assert (events[0].kind, events[0].severity, events[0].mono_ns) == (
-        EventKind.ALARM,
-        Severity.ERROR,
-        10 * S,
-    )
 
 
 def test_the_order_of_arrival_does_not_matter():

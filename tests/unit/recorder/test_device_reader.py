@@ -172,20 +172,7 @@ def test_a_camera_lost_before_its_first_picture_is_opened_again():
     assert len(samples) > 20
 
 
-def test_an_unreadable_register_map_is_tried_again():
-    tries = []
-
-    def reopen(device: Device) -> Device:
-        tries.append(1)
-        if len(tries) < 3:
-            raise ConfigError("no register map")
-        return same_unless_unplugged(device)
-
-    _, events, _ = run(lambda c, s: Meter(c, s, gone=5.5, back=6.0), reopen, 30.0)
-    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
-
-
-@pytest.mark.parametrize("mistake", [KeyError, SystemExit, KeyboardInterrupt, GeneratorExit])
+@pytest.mark.parametrize("mistake", [KeyError, SystemExit, KeyboardInterrupt, GeneratorExit, ConfigError])
 def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream(mistake):
     class Mistaken(Meter):
         def read(self, timeout_s: float) -> Reading | None:

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from fieldkit.config import FILE_NAME, load_config
-from fieldkit.config.template import SIMULATED
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.alarm import Alarm, Condition, Phase, phase_of
 from fieldkit.model.errors import ConfigError
@@ -27,14 +26,13 @@ from fieldkit.recorder import alarm_outputs
 from fieldkit.recorder.alarm_outputs import AlarmOutputs, CommandOutput, ServiceOutput
 from fieldkit.recording.alarms import alarm_settings, outputs_of
 from fieldkit.recording.background import RecordOptions
-from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
 from fieldkit.recording.requests import Acknowledgement, send_to_recorder
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.simulated import PAPER, record_simulated
+from tests.harness.simulated import PAPER, record_simulated, simulated_config
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 EACH_SECOND = ("lux.every_s=1", "thermometer.every_s=1")
@@ -303,8 +301,7 @@ def services(folder: Path, text: str, mode: int = 0o600) -> str:
 )
 def test_a_file_of_services_that_cannot_be_used_is_named_but_not_quoted(tmp_path, caplog, text, mode, fix):
     pytest.importorskip("apprise")
-    create_campaign(tmp_path / "f", SIMULATED)
-    config = load_config(tmp_path / "f" / FILE_NAME, settings=[services(tmp_path, text, mode)])
+    config = simulated_config(tmp_path / "f", services(tmp_path, text, mode))
     with pytest.raises(ConfigError) as caught:
         list(outputs_of(config))
     assert fix in caught.value.fix
@@ -313,8 +310,7 @@ def test_a_file_of_services_that_cannot_be_used_is_named_but_not_quoted(tmp_path
 
 
 def test_a_file_of_services_is_there_and_lies_outside_the_campaign(tmp_path):
-    create_campaign(tmp_path, SIMULATED)
-    inside = load_config(tmp_path / FILE_NAME, settings=[services(tmp_path, "json://127.0.0.1/s3cr3t")])
+    inside = simulated_config(tmp_path, services(tmp_path, "json://127.0.0.1/s3cr3t"))
     away = load_config(tmp_path / FILE_NAME, settings=["alarms.services_file=/nonexistent/services.txt"])
     for config, fix in ((inside, "~/.config/fieldkit/services.txt"), (away, "one address a line")):
         with pytest.raises(ConfigError) as caught:
@@ -374,9 +370,8 @@ def test_an_address_in_the_configuration_begins_no_recording(tmp_path, key):
 
 
 def test_every_condition_can_be_configured_by_its_name(tmp_path):
-    create_campaign(tmp_path, SIMULATED)
     names = [condition.value for condition in Condition]
-    config = load_config(tmp_path / FILE_NAME, settings=[f"alarms.off={json.dumps(names)}"])
+    config = simulated_config(tmp_path, f"alarms.off={json.dumps(names)}")
     assert all(rule.off for rule in alarm_settings(config, ()).rules.values())
     assert f"off = {json.dumps(names)}" in config.to_toml()
     with pytest.raises(ConfigError, match=", ".join(map(json.dumps, names))):
@@ -384,8 +379,7 @@ def test_every_condition_can_be_configured_by_its_name(tmp_path):
 
 
 def test_limits_of_a_region_that_is_not_there_are_noticed_before_the_recording(tmp_path):
-    create_campaign(tmp_path, SIMULATED)
-    config = load_config(tmp_path / FILE_NAME, settings=["alarms.region={b27 = {tilt_max_deg = 30}}"])
+    config = simulated_config(tmp_path, "alarms.region={b27 = {tilt_max_deg = 30}}")
     noticed: list[str] = []
     with prepare(config, RecordOptions(duration_s=60.0), noticed.append):
         assert any(note.startswith("alarms.region.b27: ") for note in noticed)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import fieldkit
-from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.marks import Mark
@@ -20,6 +19,7 @@ from fieldkit.recording.requests import send_to_recorder
 from fieldkit.recording.status_request import feed_path, present_status, recorder_status
 from fieldkit.sessions.reader import open_session
 from fieldkit.views import formatting
+from tests.harness.simulated import simulated_config
 
 
 def utc_ns(moment: datetime) -> int:
@@ -92,8 +92,7 @@ def test_an_interrupted_record_in_a_notebook_is_sealed_and_returned(tmp_path):
 def test_meters_slower_than_usual_are_waited_for_and_not_taken_for_silent(tmp_path):
     """One that sends by itself, and one that is polled."""
     intervals = [f"{key}={value}" for key, value in (("lux.every_s", 20), ("thermometer.every_s", 30))]
-    fieldkit.init_campaign(tmp_path / "sand", simulated=True)
-    config = load_config(tmp_path / "sand/fieldkit.toml", settings=["simulation.speed=max", *intervals])
+    config = simulated_config(tmp_path / "sand", "simulation.speed=max", *intervals)
     session = fieldkit.record(config, duration="3m")
     with open_session(session.path) as stored:
         assert not [
@@ -126,8 +125,7 @@ def test_without_a_socket_a_recording_goes_on_its_status_comes_from_its_files_an
     # a plain file where the socket is to be: between two steps, which nothing outside can time
     monkeypatch.setattr(RequestReader, "__init__", occupy)
     campaign = tmp_path / "sand"
-    create_campaign(campaign, SIMULATED)
-    config = load_config(campaign / FILE_NAME, settings=["simulation.speed=max"])
+    config = simulated_config(campaign, "simulation.speed=max")
     session = fieldkit.record(config, duration=150, on_minute=look)
     (warning,) = [record for record in caplog.records if record.levelname == "WARNING"]
     assert isinstance(warning.args[0], OSError)

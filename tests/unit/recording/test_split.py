@@ -11,7 +11,6 @@ from functools import partial
 import pytest
 
 import fieldkit
-from fieldkit.config import load_config
 from fieldkit.config.edit import remove_region
 from fieldkit.model.durations import times_of_day
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
@@ -24,6 +23,7 @@ from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.page import served
+from tests.harness.simulated import simulated_config
 
 FASTEST = ("simulation.speed=max", 'record.sampling="all"')
 BOUNDARY_NS = 1_451_674_920_000_000_000  # 2016-01-01T19:02:00Z, a minute after the simulated day's begin
@@ -65,17 +65,14 @@ def samples_of(paths):
 def whole(tmp_path_factory):
     """Samples of a recording in one session."""
     folder = tmp_path_factory.mktemp("whole") / "field"
-    fieldkit.init_campaign(folder, simulated=True)
-    config = load_config(folder / "fieldkit.toml", settings=FASTEST)
-    return samples_of([fieldkit.record(config, duration=DURATION).path])
+    return samples_of([fieldkit.record(simulated_config(folder, *FASTEST), duration=DURATION).path])
 
 
 @pytest.fixture(scope="module")
 def split(tmp_path_factory):
     """The two sessions of the same recording, in which a region is removed and each minute is marked."""
     folder = tmp_path_factory.mktemp("split") / "field"
-    fieldkit.init_campaign(folder, simulated=True)
-    config = load_config(folder / "fieldkit.toml", settings=(*FASTEST, "record.split=2m"))
+    config = simulated_config(folder, *FASTEST, "record.split=2m")
 
     def act(minute):
         if not (folder / "recordings/removed").exists():
@@ -130,8 +127,7 @@ def test_a_mark_enters_the_session_that_is_being_recorded(split):
 
 
 def test_a_session_that_cannot_be_sealed_is_an_event_of_the_next(tmp_path):
-    fieldkit.init_campaign(tmp_path, simulated=True)
-    config = load_config(tmp_path / "fieldkit.toml", settings=["simulation.speed=max"])
+    config = simulated_config(tmp_path, "simulation.speed=max")
 
     def delete_first_journal(minute):
         if len(sessions_in(config.recordings)) == 1:
@@ -147,8 +143,7 @@ def test_a_session_that_cannot_be_sealed_is_an_event_of_the_next(tmp_path):
 
 def test_each_session_has_an_anchor_of_its_own(tmp_path, monkeypatch):
     """The system clock goes wrong by a second and is found so when the next session begins."""
-    fieldkit.init_campaign(tmp_path, simulated=True)
-    config = load_config(tmp_path / "fieldkit.toml", settings=(*FASTEST, "record.split=2m"))
+    config = simulated_config(tmp_path, *FASTEST, "record.split=2m")
 
     def step(clock):
         clock._utc_minus_mono_ns -= SECOND_NS

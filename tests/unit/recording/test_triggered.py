@@ -4,27 +4,24 @@ import threading
 
 import pytest
 
-from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.load import ConfigMistakesError
-from fieldkit.config.template import SIMULATED
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceAccessError
 from fieldkit.model.samples import EventKind
 from fieldkit.recording.background import RecordOptions
-from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.last_samples import reach_s
 from fieldkit.recording.preview import await_begin
 from fieldkit.recording.record import prepare
 from fieldkit.sessions.reader import open_session
+from tests.harness.simulated import simulated_config
 from tests.harness.waiting import wait_until
 
 START = 'do = "start", channel = "lux", above = 1000.0, hold_s = 121.0'
 
 
 def config_with(folder, triggers: str, *settings: str):
-    create_campaign(folder, SIMULATED)
     fast = ("simulation.speed=max", 'estimator.model="paper"')
-    return load_config(folder / FILE_NAME, settings=[*fast, f"trigger={{{triggers}}}", *settings])
+    return simulated_config(folder, *fast, f"trigger={{{triggers}}}", *settings)
 
 
 def test_a_light_threshold_starts_a_recording_that_includes_the_two_minutes_before(tmp_path):

@@ -1,6 +1,4 @@
 import logging
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.results import cache as cache_module
 from fieldkit.results.cache import Cache, code_version, digest
+from tests.harness.command_line import run_code
 
 
 def test_what_was_stored_is_found_to_the_bit(tmp_path):
@@ -53,8 +52,7 @@ def test_keys_follow_content_and_are_the_same_in_another_process():
     assert digest("session", SurfaceParameters()) == digest("session", SurfaceParameters())
     assert digest("session", SurfaceParameters()) != digest("session", SurfaceParameters(albedo=0.2000001))
     code = "from fieldkit.results.cache import digest; print(digest('session', 0.1))"
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert printed.strip() == digest("session", 0.1)
+    assert run_code(code).strip() == digest("session", 0.1)
 
 
 def test_the_code_version_names_release_and_content():

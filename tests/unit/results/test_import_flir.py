@@ -96,12 +96,6 @@ def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path):
         read_source(tmp_path, ImportOptions())
 
 
-def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path):
-    (tmp_path / "holiday.jpg").write_bytes(ORDINARY)
-    with pytest.raises(ConfigError, match=r"holiday\.jpg"):
-        read_flir(tmp_path, "camera")
-
-
 @pytest.mark.parametrize(
     ("data", "words"),
     [

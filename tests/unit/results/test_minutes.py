@@ -3,8 +3,6 @@
 import random
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.command_line import run_code
 from tests.harness.faults import change_header
 from tests.harness.replayed_minutes import replayed_minutes
 
@@ -104,19 +103,11 @@ def test_slopes_by_another_model(sessions, model, never_read):
     assert estimate(sessions[0], model=model).budgets == budgets
 
 
-def test_check_reads_nothing_that_estimate_and_report_know(sessions, never_read):
-    found(sessions[0])
-    never_read()
-    assert check(sessions[0]).level == "ok"
-    assert len(estimate(sessions[0])) > 0
-
-
 def test_a_check_whose_slopes_are_known_does_without_scipy(sessions):
     """It takes as long to import as the check itself takes."""
     found(sessions[0])
     code = "import sys, fieldkit; fieldkit.check(sys.argv[1]); print('scipy' in sys.modules)"
-    checked = subprocess.run([sys.executable, "-c", code, str(sessions[0])], capture_output=True, check=True)
-    assert checked.stdout.split() == [b"False"]
+    assert run_code(code, sessions[0]).split() == ["False"]
 
 
 def test_a_slope_that_was_changed_afterwards_is_found(sessions, tmp_path):

@@ -147,12 +147,6 @@ def test_flags_that_are_no_flags_are_refused_with_their_line(table, flags):
         read_table(table("\n".join(flagged)))
 
 
-def test_two_rows_are_too_few_and_say_so(table):
-    (bed,) = slopes_of(table("\n".join(CASE_1.splitlines()[:3])), SITE, WHOLE)
-    assert bed.state == SlopeState.TOO_FEW
-    assert np.isnan(bed.tilt_deg)
-
-
 def with_note(light):
     """The golden table with a column of notes, of which the first row's light and note are given."""
     return CASE_1.replace("irradiance_w_m2", "irradiance_w_m2,note").replace(",800", light, 1)

@@ -241,14 +241,6 @@ def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path)
     assert renamed < synced < gone
 
 
-def test_full_disk_leaves_the_crashed_file_where_it_is(interrupted, monkeypatch):
-    # where links are full while data still fits; tests/e2e/test_failing_disk.py has real failures
-    monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
-    with pytest.raises(StorageError, match="No space left"):
-        recover(interrupted)
-    assert interrupted.exists()
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
 def test_full_disk_keeps_no_part_of_a_new_file(interrupted, tmp_path, share):
     """It would take the room that is to be made."""

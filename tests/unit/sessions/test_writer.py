@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, StorageError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
@@ -166,13 +166,6 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     with pytest.raises(ValueError, match="65 corners"):
         writer.put(RegionRecord(Region("big", RegionKind.TARGET, many), 0))
     assert not any(writer.close().counts.values())
-
-
-def test_closed_writer_takes_nothing(tmp_path):
-    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
-    writer.close()
-    with pytest.raises(SessionError, match=r"a\.h5"):
-        writer.append(sample(HEADER.streams[0], 0))
 
 
 def test_what_was_not_handed_over_is_read_back_from_the_journal(tmp_path, monkeypatch):

@@ -3,8 +3,6 @@
 import json
 import math
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
@@ -37,6 +35,7 @@ from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_par
 from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import MinuteRecord
+from tests.harness.command_line import run_code
 from tests.harness.disk import full_disk
 from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
@@ -187,9 +186,8 @@ for name in EXPORTS:
 
 def test_most_formats_need_no_extra(small, tmp_path):
     extras = ("pandas", "pyarrow", "xarray", "matplotlib", "mcap", "mcap_ros2", "rasterio", "h5netcdf")
-    command = [sys.executable, "-c", WITHOUT_EXTRAS, str(small), str(tmp_path), *extras]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["csv", "netcdf", "ro-crate", "png", "video", "frames-csv", "tiff"]
+    printed = run_code(WITHOUT_EXTRAS, small, tmp_path, *extras)
+    assert printed.split() == ["csv", "netcdf", "ro-crate", "png", "video", "frames-csv", "tiff"]
 
 
 def test_table_of_slopes_has_both_ends_of_each_region(small, tmp_path):

@@ -4,8 +4,6 @@ import gzip
 import math
 import os
 import struct
-import subprocess
-import sys
 from datetime import UTC
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -29,6 +27,7 @@ from fieldkit.sessions.formats.stills import NO_VALUE, Scale, read_stills
 from fieldkit.sessions.formats.times import parse_times_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import run_code
 from tests.harness.foreign_files import irg, purethermal, tiff_pages
 from tests.harness.next_steps import at
 from tests.shared_data import shared
@@ -377,9 +376,8 @@ def test_without_codecs_deflate_is_read_and_others_are_refused_by_name(tmp_path)
     names = [str(tmp_path / f"{name}.tif") for name in ("deflate", "zstd")]
     for name in names:
         tifffile.imwrite(name, DEEP[0], compression=Path(name).stem)
-    done = subprocess.run([sys.executable, "-c", WITHOUT_CODECS, *names], capture_output=True, text=True)
-    assert done.stdout.split("\n")[:2] == [str(DEEP[0].sum()), "ConfigError True True"]
-    assert done.stderr == ""
+    printed = run_code(WITHOUT_CODECS, *names)
+    assert printed.split("\n")[:2] == [str(DEEP[0].sum()), "ConfigError True True"]
 
 
 def test_regions_lose_only_the_pixels_that_have_no_value(tmp_path):
