@@ -91,12 +91,15 @@ def test_a_budget_with_an_unknown_number_can_be_read_again(field):
     assert replace(read, **{field: 0.0}) == replace(line, **{field: 0.0})
 
 
-def test_a_record_is_never_overwritten_but_may_be_saved_again_as_it_is(tmp_path):
-    path = save(SAND, tmp_path)
-    assert save(SAND, tmp_path) == path
-    with pytest.raises(StorageError, match="never changed"):
-        save(replace(SAND, value=0.9), tmp_path)
-    assert from_toml(path.read_text(), "x") == SAND
+@pytest.mark.parametrize(("kind", "name"), [("emissivity", "sample"), ("surface", "name")])
+def test_a_record_is_never_overwritten_but_may_be_saved_again_as_it_is(tmp_path, kind, name):
+    record = replace(SAND, kind=kind)
+    path = save(record, tmp_path)
+    assert save(record, tmp_path) == path
+    with pytest.raises(StorageError, match="never changed") as refused:
+        save(replace(record, value=0.9), tmp_path)
+    assert steps(refused.value) == [Argument(name)]
+    assert from_toml(path.read_text(), "x") == record
 
 
 def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
@@ -256,14 +259,6 @@ def test_a_disk_that_is_full_leaves_no_part_of_a_record(tmp_path, monkeypatch):
     assert refused.value.fix
     assert not any(tmp_path.iterdir())
     assert from_toml(save(SAND, tmp_path).read_text(), "x") == SAND
-
-
-def test_what_names_an_emissivity_is_its_sample(tmp_path):
-    for kind, argument in (("emissivity", "sample"), ("surface", "name")):
-        save(replace(SAND, kind=kind), tmp_path / kind)
-        with pytest.raises(StorageError) as refused:
-            save(replace(SAND, kind=kind, value=0.9), tmp_path / kind)
-        assert steps(refused.value) == [Argument(argument)]
 
 
 def test_a_record_holds_for_a_surface_temperatures_and_a_year():

@@ -105,11 +105,15 @@ def test_a_report_has_one_of_three_kinds_and_an_image_one_session(session, tmp_p
         invoke("report", session, "-o", tmp_path / "day.html", "--palette", "white-hot")
 
 
-def test_report_of_a_session_elsewhere_lies_beside_it(tmp_path):
+def test_report_of_a_session_elsewhere_lies_beside_it_and_the_folder_one_is_in_may_be_reported(
+    tmp_path, monkeypatch
+):
     moved = without_minutes(tmp_path / "a.h5")
     found = json.loads(fieldkit("report", "--json", moved).stdout)
     assert found == {"schema": 1, "sessions": [str(moved)], "report": str(moved.with_suffix(".html"))}
     assert moved.with_suffix(".html").exists()
+    monkeypatch.chdir(tmp_path)
+    succeed("report", ".")
 
 
 def test_report_with_other_settings_than_recorded_shows_the_configuration_it_was_made_with(session, tmp_path):
@@ -210,12 +214,6 @@ def test_what_is_no_result_is_called_so(tmp_path, text, said):
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(ConfigError, match=said):
         result_files.recall((tmp_path / "bad",), ())
-
-
-def test_the_folder_one_is_in_may_be_reported(tmp_path, monkeypatch):
-    without_minutes(tmp_path / "a.h5")
-    monkeypatch.chdir(tmp_path)
-    succeed("report", ".")
 
 
 @pytest.mark.parametrize("nameless", [".", ".."])

@@ -206,8 +206,10 @@ def test_best_parameters_and_their_worth_are_told(swept):
     assert ranking["error_deg"] == pytest.approx(min(map(fmean, by_set.values())), abs=1e-12)
 
 
-def test_estimate_of_many_prints_each_and_keeps_every_minute(recordings, tmp_path):
-    found = succeed("estimate", recordings, *PAPER, "-j", 1, "-o", tmp_path / "base")
+def test_estimate_of_many_prints_each_once_and_keeps_every_minute(recordings, tmp_path):
+    named_twice = min(recordings.glob("*.h5"))
+    found = succeed("estimate", named_twice, recordings, *PAPER, "-j", 1, "-o", tmp_path / "base")
+    assert len(json.loads((tmp_path / "base.json").read_text("utf-8"))["sessions"]) == 2
     assert [line for line in found.stdout.splitlines() if line.endswith(("-s1", "-s2"))]
     table = rows(tmp_path / "base.csv")
     assert {row["session"][-2:] for row in table} == {"s1", "s2"}
@@ -215,9 +217,3 @@ def test_estimate_of_many_prints_each_and_keeps_every_minute(recordings, tmp_pat
     documents = document("estimate", recordings, *PAPER, "-j", 1)["sessions"]
     assert [len(found["slopes"]) for found in documents] == [3, 3]
     assert {found["minutes"] for found in documents} <= {11, 12}  # eleven, and what began of the next
-
-
-def test_a_session_named_twice_counts_once(recordings, tmp_path):
-    path = sorted(recordings.glob("*.h5"))[0]
-    fieldkit("estimate", path, recordings, *PAPER, "-j", 1, "-o", tmp_path / "r")
-    assert len(json.loads((tmp_path / "r.json").read_text("utf-8"))["sessions"]) == 2

@@ -47,7 +47,7 @@ def test_a_reference_is_the_newest_records_value_and_brings_its_uncertainty(fold
     )
     settings = config.estimator_settings()
     assert settings.surface.emissivity == 0.93
-    assert (settings.scale, settings.scale_sd) == (1.12, 0.02)
+    assert (settings.scale, settings.scale_sd, settings.prior.gain_sd) == (1.12, 0.02, 0.02)
     assert settings.irradiance.factor == 0.0091
     assert (settings.offsets_k, settings.offset_sd_k) == ({"b15": 0.31}, 0.04)
     used = config.calibrations()
@@ -55,11 +55,6 @@ def test_a_reference_is_the_newest_records_value_and_brings_its_uncertainty(fold
     assert settings.factor_sd == pytest.approx(0.01 / 0.0091)
     assert set(used) == {"surface.emissivity", "estimator.scale", "irradiance.factor", "b15.offset_k"}
     assert used["surface.emissivity"].date.day == 11
-
-
-def test_an_older_record_is_named_by_its_file(folder):
-    config = load(folder, "", settings=["surface.emissivity=@20261210T013000Z-sand"])
-    assert config.surface_parameters().emissivity == 0.91
 
 
 def test_broadband_emissivity_is_the_bands_unless_it_is_given(folder):
@@ -117,11 +112,6 @@ def test_learnt_sand_is_a_prior_key_by_key(folder):
     assert set(refilled.calibrations()) == {"slab.conductivity_w_m_k"}
     assert refilled.estimator_settings().prior.depth_log_sd == 0.5
     assert refilled.estimator_settings().prior.inertia_log_sd == 0.1
-
-
-def test_a_scales_uncertainty_is_the_learned_models_prior_too(folder):
-    settings = load(folder, '[estimator]\nscale = "@beds"\n').estimator_settings()
-    assert (settings.scale, settings.prior.gain_sd) == (1.12, 0.02)
 
 
 def test_a_region_with_a_record_of_its_own_has_its_own_uncertainty(folder):

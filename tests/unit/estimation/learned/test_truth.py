@@ -154,6 +154,18 @@ def test_without_data_the_posterior_is_the_prior():
             assert width == pytest.approx(prior_width, rel=0.02)
 
 
+def test_a_state_known_better_narrows_a_tilt_as_the_joint_distribution_says():
+    """Given one more reading of a state, by Gaussian conditioning on the whole covariance."""
+    learnt = learner(20)
+    found = moments(learnt)
+    for other, sd in (("air", 0.5), ("longwave", 10.0), ("exchange", 0.1)):
+        place, known = found.names.index("tilt1"), found.names.index(other)
+        information = np.linalg.inv(found.covariance)
+        information[known, known] += sd**-2
+        expected = np.sqrt(np.linalg.inv(information)[place, place])
+        assert found.sd_if_known("tilt1", {other: sd}) == pytest.approx(expected, rel=1e-6)
+
+
 def test_what_a_reading_would_bring_is_what_it_brings():
     """One hypothesis, estimated again with longwave and air measured: the spread that was promised."""
     drawn = world(2, CLEAR, minutes=30)
