@@ -43,9 +43,7 @@ def test_decode_has_the_promised_form():
     ("hexadecimal", "records"),
     [
         *((text, 1) for text in (LUX, LUX.replace(" ", ""), LUX.replace(" ", ":"), LUX.lower())),
-        *(
-            (records * LUX.replace(" ", ""), records) for records in (20, 200, 3000)
-        ),  # beyond a file's name
+        *((records * LUX.replace(" ", ""), records) for records in (20, 200, 3000)),  # beyond a file's name
     ],
 )
 def test_hexadecimal_may_be_written_as_one_likes(hexadecimal, records):
