@@ -31,7 +31,7 @@ JUMP_PROBABILITY = 0.01
 
 Judged: because such things come about once in a hundred minutes of a bed. A jump costs as much evidence.
 """
-BLOCK = 8
+BLOCK = 16
 """Covariances that are stepped together.
 
 Judged: because so many stay in a processor's cache; all at once take twice as long.
@@ -53,14 +53,16 @@ class Affine:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A state fades and some numbers flow into it: ``x' = decay x + into flows(x)``.
+    """A state fades, and what flows moves its first places: ``x' = decay x + into [flows(x), x at drives]``.
 
-    `decay` (n,), `into` (n, m); so F = diag(decay) + into rows, of which few rows differ from a diagonal.
+    `decay` (n,); `into` (k, m) fills the first k places by flows and by the places `drives`, which drive
+    others. So F is a diagonal but for its first rows.
     """
 
     decay: FloatArray
     into: FloatArray
     flows: Affine
+    drives: slice
 
 
 class Innovation(NamedTuple):
@@ -80,20 +82,25 @@ class KalmanBank:
 
     def predict(self, transition: Transition, noise: FloatArray) -> None:
         """Move the states by a transition; `noise` (p, n) is the diagonal of Q."""
-        decay, into, flows = transition.decay, transition.into, transition.flows
-        self.mean = decay * self.mean + flows.at(self.mean) @ into.T
+        decay, into, drives = transition.decay, transition.into, transition.drives
+        flows, first = transition.flows, slice(len(into))
+        moving = np.concatenate([flows.at(self.mean), self.mean[:, drives]], axis=1)
+        self.mean = decay * self.mean
+        self.mean[:, first] += moving @ into.T
         faded, diagonal = np.outer(decay, decay), np.arange(decay.size)
         for block in self._blocks():
             covariance, rows = self.covariance[block], flows.rows[block]
             # F P F' without a product of two whole matrices: diagonal, and a part of few rows with its
             # transpose
-            crossed = rows @ covariance
-            among = crossed @ rows.transpose(0, 2, 1)
+            crossed = np.concatenate([rows @ covariance, covariance[:, drives]], axis=1)
+            among = np.concatenate([crossed @ rows.transpose(0, 2, 1), crossed[:, :, drives]], axis=2)
+            crossed *= decay
             # half of the square here: the transpose below brings the other half
-            inflow = into @ (decay * crossed + 0.5 * among @ into.T)
+            crossed[:, :, first] += 0.5 * among @ into.T
+            inflow = into @ crossed
             covariance *= faded
-            covariance += inflow
-            covariance += inflow.transpose(0, 2, 1)
+            covariance[:, first] += inflow
+            covariance[:, :, first] += inflow.transpose(0, 2, 1)
             covariance[:, diagonal, diagonal] += noise[block]
 
     def update(
@@ -125,8 +132,10 @@ class KalmanBank:
         half_gain = whitening @ shared
         white = np.matmul(whitening, error[..., np.newaxis])[..., 0]
         self.mean = self.mean + np.einsum("pmn,pm->pn", half_gain, white)
+        # a copy: of one array with its own transpose numpy makes a triangle, and mirrors it slowly
+        transposed = half_gain.transpose(0, 2, 1).copy()
         for block in self._blocks():
-            self.covariance[block] -= half_gain[block].transpose(0, 2, 1) @ half_gain[block]
+            self.covariance[block] -= transposed[block] @ half_gain[block]
         log_size = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) + 0.5 * count * LOG_TWO_PI
         standardised = np.full_like(difference, np.nan)
         standardised[:, seen] = white

@@ -103,7 +103,7 @@ class Filters(KalmanBank):
         flux = self.model.flux(first, self.model.light(first, self.mean, self.covariance), self._taken_k)
         constant = np.ones(self.layout.size)
         into = past_of_first_flux(self.layout)
-        self.predict(Transition(constant, into, flux), np.zeros_like(self.mean))
+        self.predict(Transition(constant, into, flux, slice(0)), np.zeros_like(self.mean))
 
     def step(self, minute: MinuteInputs) -> Innovation:
         """Predict a minute from the one before, and correct the states by its temperatures."""

@@ -1,9 +1,10 @@
 """Places of the state vector.
 
-For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
-board), slow exchange of each bed's own; then what is constant: gain, diffuse light and its shape, longwave,
-air, wind, a further session's exchange, the level of the first reference, the beds' normals times the gain,
-offsets, drifts; last what each region does alone within minutes.
+For each region the stores of its layer; then what is smooth (slow gusts, a common flux, changes of the air,
+slow exchange of each bed's own), and what drives it in the same order; then what is shared and varies
+(gusts, beam, board), what is constant: gain, diffuse light and its shape, longwave, air, wind, a further
+session's exchange, the level of the first reference, the beds' normals times the gain, offsets, drifts; last
+what each region does alone within minutes.
 
 A target is any region but the first reference, to which all others are compared: a further reference is a
 target whose slope is stated.
@@ -33,9 +34,7 @@ STORES = 1 + MODES
 """Places of a layer: its level before the first minute, and what flowed in since."""
 SHARED = (
     *GUSTS,
-    *SMOOTH,
     *("beam", "moment", "edge", "board", "camera"),
-    *(f"{name}_drive" for name in SMOOTH),
     *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind"),
     "session_exchange",
 )
@@ -130,20 +129,33 @@ class Layout:
 
     @cached_property
     def _shared_places(self) -> dict[str, int]:
-        return {name: place for place, name in enumerate(SHARED, start=self.regions * STORES)}
+        drives = [f"{name}_drive" for name in SMOOTH]
+        blocks = ((self.smooth.start, SMOOTH), (self.drives.start, drives), (self.drives.stop, SHARED))
+        return {name: place for first, names in blocks for place, name in enumerate(names, first)}
+
+    @cached_property
+    def smooth(self) -> slice:
+        """Places of processes without jumps, shared ones first, which follow the stores."""
+        first = self.regions * STORES
+        return slice(first, first + len(SMOOTH) + self.targets)
+
+    @cached_property
+    def drives(self) -> slice:
+        """Places of what drives each of `smooth`."""
+        return slice(self.smooth.stop, 2 * self.smooth.stop - self.smooth.start)
 
     def slow_exchange(self, target: int) -> int:
         """Place of a target's own slow exchange."""
-        return self.regions * STORES + len(SHARED) + target
+        return self.regions * STORES + len(SMOOTH) + target
 
     def slow_exchange_drive(self, target: int) -> int:
         """Place of what drives a target's own slow exchange."""
-        return self.slow_exchange(self.targets) + target
+        return self.slow_exchange(self.targets) + len(SMOOTH) + target
 
     @cached_property
     def level(self) -> slice:
         """Places of how far the first reference is off level times the gain, along `level_axes`."""
-        first = self.slow_exchange_drive(self.targets)
+        first = self.drives.stop + len(SHARED)
         return slice(first, first + 2)
 
     def normal(self, target: int) -> slice:
@@ -200,13 +212,6 @@ class Layout:
         own = range(self.own_response(0), self.own_response(self.targets))
         level = range(self.level.start, self.level.stop)
         return np.array([self.place("wind"), *self.gain_and_normals, *own, *level], np.int64)
-
-    @cached_property
-    def smooth(self) -> dict[int, int]:
-        """Places of processes without jumps, each with the place of what drives it."""
-        shared = {self.place(name): self.place(f"{name}_drive") for name in SMOOTH}
-        own = {self.slow_exchange(target): self.slow_exchange_drive(target) for target in range(self.targets)}
-        return shared | own
 
     @cached_property
     def size(self) -> int:

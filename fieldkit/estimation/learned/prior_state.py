@@ -252,9 +252,9 @@ def prior_covariance(
     covariance[:, longwave, longwave] += logged.longwave_per_k * together
     covariance[:, air, longwave] = covariance[:, longwave, air] = together
     # started as if it had long run: a process that follows its drive has half the drive's variance
-    for place, drive in layout.smooth.items():
-        covariance[:, place, place] = variance[:, drive] / 2.0
-        covariance[:, place, drive] = covariance[:, drive, place] = variance[:, drive] / 2.0
+    smooth, drives = (np.arange(layout.size)[places] for places in (layout.smooth, layout.drives))
+    for one, other in ((smooth, smooth), (smooth, drives), (drives, smooth)):
+        covariance[:, one, other] = variance[:, drives] / 2.0
     past = _past_fills()
     bins = np.arange(past.shape[1])
     alike = past @ PAST_ALIKE ** np.abs(bins[:, np.newaxis] - bins) @ past.T
@@ -278,13 +278,10 @@ def _state_slope(covariance: FloatArray, layout: Layout, target: int, scale: flo
 
 
 def past_of_first_flux(layout: Layout) -> FloatArray:
-    """Places (n, regions) that the net flux of each region's first minute has filled before it."""
+    """Stores (stores, regions) that the net flux of each region's first minute has filled before it."""
     middle = 0.5 * (PAST_MINUTES[:-1] + PAST_MINUTES[1:])
     filled = PAST_SHARE * _past_fills() @ np.exp(-middle / PAST_HOLDS_MIN)
-    into = np.zeros((layout.size, layout.regions))
-    for region in range(layout.regions):
-        into[layout.stores(region), region] = filled
-    return into
+    return np.asarray(np.kron(np.eye(layout.regions), filled[:, np.newaxis]), np.float64)
 
 
 def _past_fills() -> FloatArray:

@@ -115,13 +115,9 @@ class SurfaceModel:
 
     def transition(self, minute: MinuteInputs, flux: Affine) -> Transition:
         """Into a minute, from the one with this flux: stores fade and take it, processes relax."""
-        layout, drives = self.layout, list(self.layout.smooth.values())
         decay = self._decay.copy()
-        decay[layout.place("board")] = float(minute.shaded.any())
-        followed = np.broadcast_to(np.eye(layout.size)[drives], (len(flux.rows), len(drives), layout.size))
-        rows = np.concatenate([flux.rows, followed], axis=1)
-        constant = np.concatenate([flux.constant, np.zeros(followed.shape[:2])], axis=1)
-        return Transition(decay, self._into, Affine(rows, constant))
+        decay[self.layout.place("board")] = float(minute.shaded.any())
+        return Transition(decay, self._into, flux, self.layout.drives)
 
     def noise(self, minute: MinuteInputs) -> FloatArray:
         """Variances (p, n) that a minute begins with or adds."""
@@ -161,8 +157,7 @@ class SurfaceModel:
             decay[layout.stores(region)] = FADE
         for place, (_, minutes) in self._processes.items():
             decay[place] = np.exp(-1.0 / minutes)
-        for place, drive in layout.smooth.items():
-            decay[place] = decay[drive]
+        decay[layout.smooth] = decay[layout.drives]
         for target in range(layout.targets):
             decay[layout.drying(target)] = np.exp(-1.0 / DRYING_MINUTES)
         # what one minute brings is not left in the next
@@ -172,15 +167,16 @@ class SurfaceModel:
 
     @cached_property
     def _into(self) -> FloatArray:
-        """Places that each flux fills, and that each drive moves (n, regions + drives)."""
+        """Stores that each flux fills, and what each drive moves (stores + smooth, regions + drives)."""
         layout = self.layout
-        into = np.zeros((layout.size, layout.regions + len(layout.smooth)))
-        for region in range(layout.regions):
-            into[layout.stores(region), region] = FILL
         # what follows a drive d: x' = a x + (1 - a) d
-        for column, place in enumerate(layout.smooth, start=layout.regions):
-            into[place, column] = 1.0 - self._decay[place]
-        return into
+        filled, moved = np.kron(np.eye(layout.regions), FILL[:, np.newaxis]), 1.0 - self._decay[layout.smooth]
+        return np.block(
+            [
+                [filled, np.zeros((len(filled), moved.size))],
+                [np.zeros((moved.size, layout.regions)), np.diag(moved)],
+            ]
+        )
 
     # --- within a minute
 

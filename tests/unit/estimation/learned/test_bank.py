@@ -7,6 +7,7 @@ from scipy.stats import multivariate_normal
 from fieldkit.estimation.learned.bank import Affine, KalmanBank, Transition
 
 BANK, STATES, FLOWS, READINGS = 3, 12, 4, 5
+MOVED, DRIVES = 7, slice(6, 8)
 
 
 @pytest.fixture
@@ -26,12 +27,15 @@ def affine(random, count):
 
 def test_prediction_is_the_product_of_whole_matrices(random):
     bank, flows = bank_of(random), affine(random, FLOWS)
-    decay, into = random.uniform(0.0, 1.0, STATES), random.standard_normal((STATES, FLOWS))
+    decay, into = random.uniform(0.0, 1.0, STATES), random.standard_normal((MOVED, FLOWS + 2))
     noise = random.uniform(0.0, 1.0, (BANK, STATES))
-    F = np.diag(decay) + into @ flows.rows
-    mean = [F[i] @ bank.mean[i] + into @ flows.constant[i] for i in range(BANK)]
+    F = np.tile(np.diag(decay), (BANK, 1, 1))
+    F[:, :MOVED] += into[:, :FLOWS] @ flows.rows
+    F[:, :MOVED, DRIVES] += into[:, FLOWS:]
+    mean = (F @ bank.mean[..., np.newaxis])[..., 0]
+    mean[:, :MOVED] += flows.constant @ into[:, :FLOWS].T
     covariance = [F[i] @ bank.covariance[i] @ F[i].T + np.diag(noise[i]) for i in range(BANK)]
-    bank.predict(Transition(decay, into, flows), noise)
+    bank.predict(Transition(decay, into, flows, DRIVES), noise)
     np.testing.assert_allclose(bank.mean, mean, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(bank.covariance, covariance, rtol=1e-12, atol=1e-12)
 
