@@ -287,6 +287,7 @@ class _Group:
         self._learner: Learner | None = None
         self._found: list[readout.KnownSlope] = []
         self._moments = readout.Moments((), np.empty(0), np.empty((0, 0)))
+        self._unusual = ""
         self._errors: ErrorSums = ErrorSums()
         self._first, self._taken = 0, -1
         self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
@@ -368,6 +369,7 @@ class _Group:
                 readout.known_slope(self._learner, self._place(index)) for index in range(self._targets.size)
             ]
             self._moments = readout.moments(self._learner)
+            self._unusual = self._unusual_in(self._learner)
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
@@ -464,7 +466,7 @@ class _Group:
         """Loss of a bed that dries, in words; "" for one that does not."""
         if self._learner is None:
             return ""
-        flux, sd = readout.drying_w_m2(self._learner, self._place(index))
+        flux, sd = readout.drying_w_m2(self._moments, self._place(index), self._learner.last.hours)
         dries, half = flux < -DRIES_SDS * sd, interval_sds(self._settings.confidence) * sd
         return f"it dries: {-flux:.0f} ± {half:.0f} W/m² more than the others at first" if dries else ""
 
@@ -474,8 +476,8 @@ class _Group:
         limit, sure = self._settings.tilt_limit_deg, percent(filled.confidence)
         if slope.region.tilt_high_deg >= limit:
             yield f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
-        if unusual := self._unusual():
-            yield unusual
+        if self._unusual:
+            yield self._unusual
         # before the width: a statement that the minutes contradict is the cause, and advice would not help
         if self._learner and (unlike := readout.unlikeness(self._learner)) > MOST_UNLIKE:
             stated = ", against surface.same" if self._settings.same else ""
@@ -483,7 +485,7 @@ class _Group:
         if is_too_wide(filled.tilt_deg, half, self._settings.target_half_width_deg):
             hints = [
                 f"; {measure} would narrow ±{half:.1f}° to ±{half * share:.1f}°"
-                for measure, share in dict(self.narrowing())[filled.region].items()
+                for measure, share in self._narrowing(index).items()
             ]
             yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}){''.join(hints[:1])}"
         prior_sd_deg = math.degrees(self._layout.unlike_of(self._place(index)).normal_horizontal_sd)
@@ -513,13 +515,12 @@ class _Group:
         # the reference's errors too: every slope rests on it
         return float(self._errors.misfit[[0, self._layout.region(self._place(index))]].max())
 
-    def _unusual(self) -> str:
+    def _unusual_in(self, learner: Learner) -> str:
         """The learnt parameter or statement that nothing usual explains, in words; "" if there is none."""
-        learner = self._learner
-        if learner is not None and (wrong := self._wrong_statement(learner)):
+        if wrong := self._wrong_statement(learner):
             return wrong
-        unusual = None if learner is None else self._surprise(learner)
-        return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if learner and unusual else ""
+        unusual = self._surprise(learner)
+        return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if unusual else ""
 
     def _wrong_statement(self, learner: Learner) -> str:
         """The references' slopes if what they are stated to be is contradicted by the minutes, else ""."""
@@ -539,11 +540,15 @@ class _Group:
 
     def narrowing(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Name of each target that holds, and the share of its half-width that each measure would leave."""
-        if self._learner is not None:
-            places = [self._place(index) for index in self._holding()]
-            names = {self._place(i): self._columns.regions[c].name for i, c in enumerate(self._targets)}
-            offers = measures(self._settings, self._learner.logged_inputs, names)
-            yield from ((names[place], narrowing(self._moments, f"tilt{place}", offers)) for place in places)
+        for index in self._holding():
+            yield self._columns.regions[self._targets[index]].name, self._narrowing(index)
+
+    def _narrowing(self, index: int) -> dict[str, float]:
+        if self._learner is None:
+            return {}
+        names = {self._place(i): self._columns.regions[c].name for i, c in enumerate(self._targets)}
+        offers = measures(self._settings, self._learner.logged_inputs, names)
+        return narrowing(self._moments, f"tilt{self._place(index)}", offers)
 
     def budgets(self) -> Iterator[tuple[str, tuple[BudgetTerm, ...]]]:
         """Name and uncertainty budget of each target that holds; none before the first minute."""
@@ -583,7 +588,7 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
     minute, posterior = learner.last, learner.posterior
     weights = posterior.weights
     unlike = learner.layout.unlike_of(target)
-    light = float(weights @ posterior.normals.gain) * minute.direct * unlike.light
+    light = float(weights @ posterior.normals.mode.gain) * minute.direct * unlike.light
     if light <= 0.0 or minute.sun[2] <= 0.0:
         return math.nan
     grey = learner.settings.surface.emissivity_broadband

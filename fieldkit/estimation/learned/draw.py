@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.filters import Filters, Start
-from fieldkit.estimation.learned.hypotheses import Proposal, hypotheses
+from fieldkit.estimation.learned.hypotheses import Proposal, hypotheses, log_prior
 from fieldkit.estimation.learned.inputs import Recorded
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import noise_of
@@ -20,9 +20,9 @@ from fieldkit.model.arrays import FloatArray
 class Draw:
     """Hypotheses drawn from a proposal at `points` (p, 5), for the minutes of some sessions by then.
 
-    Noise is that of these minutes, and products of two unknowns are linear around the states `around`, one of
-    each session or None for the prior's. `taken` counts the minutes that `filters` have taken, with the
-    prediction errors `errors`.
+    `over_proposal` (p,) is the logarithm of the prior over the proposal. Noise is that of these minutes, and
+    products of two unknowns are linear around the states `around`, one of each session or None for the
+    prior's. `taken` counts the minutes that `filters` have taken, with the prediction errors `errors`.
     """
 
     def __init__(
@@ -36,6 +36,7 @@ class Draw:
     ) -> None:
         self.proposal = proposal
         self.points: FloatArray = proposal.draw(count)
+        self.over_proposal: FloatArray = log_prior(self.points) - proposal.log_density(self.points)
         self.around = around
         self.taken: int = 0
         self.errors: ErrorSums = ErrorSums()

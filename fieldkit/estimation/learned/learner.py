@@ -6,7 +6,8 @@ takes the same minutes takes the same steps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,12 @@ import numpy as np
 from fieldkit.estimation.learned.draw import Draw
 from fieldkit.estimation.learned.errors import ErrorSums
 from fieldkit.estimation.learned.filters import Filters
-from fieldkit.estimation.learned.hypotheses import Proposal, effective, log_prior, normalise
+from fieldkit.estimation.learned.hypotheses import Proposal, effective, normalise
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
+from fieldkit.estimation.learned.normals import FreeNormals, Guess, UnitNormals, unit_normals
 from fieldkit.estimation.learned.unusual import with_usual_beds
-from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.normal import mirror
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.facet import tilt_azimuth
@@ -66,13 +67,15 @@ REMEMBERED = 3
 
 Judged: because three times 64 densities carry the polynomial; older draws lie where nothing is any more.
 """
-STEPS, STEPS_AFTER_DRAW = 4, 15
+STEPS, STEPS_AFTER_DRAW = 3, 15
 """Gauss-Newton steps of unit normals from those of the minute before, and from the filters' own.
 
 Judged: because a minute moves a normal little; from afar it takes more, and what has converged stops.
 """
 MULTIPLIED = ("gain", "diffuse", "circumsolar", "brightening")
 """States by which others are multiplied."""
+APART = math.cos(0.02)
+"""Cosine of the angle from which two branches are two: a degree is less than any half-width."""
 FAR = 40.0
 """Misfit over the best branch from which another one is not pursued.
 
@@ -122,7 +125,7 @@ class Learner:
     posterior: Posterior
     _draw: Draw
     _next: Draw | None
-    _starts: tuple[FloatArray, ...]
+    _guess: Guess | None
 
     def __init__(
         self, layout: Layout, settings: EstimatorSettings, sessions: list[Recorded], count: int = FOLLOWING
@@ -156,7 +159,7 @@ class Learner:
         """Take one more minute, bridging those that are missing before it."""
         self._sessions[-1].minutes.extend((*bridge(self.last, minute), minute))
         self._draw.take(self._sessions)
-        self.posterior = self._posterior(STEPS)
+        self.posterior = self._posterior()
         if self._next is None and self._is_due():
             self._next, self._judged = self._drawn_anew(FOLLOWING, [self._density()]), len(self.minutes)
         if self._next is not None:
@@ -202,8 +205,8 @@ class Learner:
         """Take all minutes with these hypotheses, and go on with them."""
         draw.take(self._sessions)
         self._draw = draw
-        self._starts = draw.directions()
-        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+        self._guess = None
+        self.posterior = self._posterior()
 
     def _density(self) -> Density:
         """The posterior's density at the hypotheses: weights are posterior over proposal."""
@@ -237,89 +240,57 @@ class Learner:
         mean = self.posterior.weights @ self._draw.points
         return self._share() < LEAST_SHARE or self._draw.proposal.distance(mean) > ASTRAY
 
-    def _posterior(self, steps: int) -> Posterior:
+    def _posterior(self) -> Posterior:
         filters = with_usual_beds(self._draw.filters, self.last.hours)
-        best = self._weigh(filters, self._starts, steps)
+        free = FreeNormals.of(filters)
+        start = self._guess or free.guess(self._draw.directions())
+        best = self._weigh(filters, free, start, STEPS if self._guess else STEPS_AFTER_DRAW)
         others = {}
-        for target, start in self._second_branches(filters, *best).items():
-            starts = tuple(start if i == target else unit for i, unit in enumerate(best[0].units))
-            other = self._weigh(filters, starts, STEPS_AFTER_DRAW)
+        for target, unit in self._second_branches(filters, free, *best):
+            start = best[0].mode.under(np.arange(len(filters.mean)))
+            start.units[target][:] = unit
+            other = self._weigh(filters, free, start, STEPS_AFTER_DRAW)
             if mass(other[1]) > mass(best[1]):
                 best, other = other, best
             others[target] = other
-        self._starts = best[0].units
+        self._guess = best[0].mode
         return Posterior(filters, best[1], best[0], others)
 
     def _weigh(
-        self, filters: Filters, starts: tuple[FloatArray, ...], steps: int
+        self, filters: Filters, free: FreeNormals, start: Guess, steps: int
     ) -> tuple[UnitNormals, FloatArray]:
-        normals = unit_normals(filters, starts, steps)
+        normals = unit_normals(free, start, steps)
         tilts = [
-            tilt_azimuth(normals.units[target] @ self.layout.facing[target].T)[0]
+            tilt_azimuth(normals.mode.units[target] @ self.layout.facing[target].T)[0]
             for target in range(self.layout.stated, self.layout.targets)
         ]
         # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
-        over_proposal = log_prior(self._draw.points) - self._draw.proposal.log_density(self._draw.points)
-        weights = filters.log_likelihood + normals.log_evidence + over_proposal
+        weights = filters.log_likelihood + normals.log_evidence + self._draw.over_proposal
         return normals, weights - np.where(too_steep, FAR, 0.0)
 
     def _second_branches(
-        self, filters: Filters, normals: UnitNormals, log_weights: FloatArray
-    ) -> dict[int, FloatArray]:
-        """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""
-        heaviest = int(np.argmax(log_weights))
-        gain, facing = normals.gain[heaviest], self.layout.facing
-        here = [unit[heaviest] for unit in normals.units]
-        places = [self.layout.normal(target) for target in range(self.layout.targets)]
-        covariance, mean = filters.covariance[heaviest], filters.mean[heaviest]
-        information = [np.linalg.inv(covariance[place, place]) * gain**2 for place in places]
-        towards = [matrix @ mean[place] / gain for matrix, place in zip(information, places, strict=True)]
-        others = _other_minima(information, towards, here)
-        limit = self.settings.tilt_limit_deg
-        return {
-            target: other
-            for target, other in others.items()
-            if target >= self.layout.stated and tilt_azimuth(facing[target] @ other)[0] <= limit
-        }
+        self, filters: Filters, free: FreeNormals, normals: UnitNormals, log_weights: FloatArray
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Each target with another direction that fits nearly as well, under the heaviest hypothesis."""
+        heaviest, targets = int(np.argmax(log_weights)), range(self.layout.stated, self.layout.targets)
+        repeated = np.full(self.layout.targets, heaviest)
+        here, start = (normals.mode.under(repeated) for _ in range(2))
+        for target in targets:
+            place = self.layout.normal(target)
+            # of the least information, which is the most variance
+            information = -filters.covariance[heaviest, place, place]
+            start.units[target][target] = mirror(here.units[target][0], information)
+        fits = unit_normals(free.under(repeated), start, STEPS_AFTER_DRAW)
+        near = fits.log_evidence > normals.log_evidence[heaviest] - FAR / 2.0
+        for target in targets:
+            unit = fits.mode.units[target][target]
+            tilt, _ = tilt_azimuth(self.layout.facing[target] @ unit)
+            is_apart = unit @ here.units[target][0] < APART
+            if is_apart and near[target] and tilt <= self.settings.tilt_limit_deg:
+                yield target, unit
 
 
 def mass(log_weights: FloatArray) -> float:
     """Logarithm of the probability of a branch with these log-weights."""
     return float(np.logaddexp.reduce(log_weights))
-
-
-def _other_minima(
-    information: list[FloatArray], towards: list[FloatArray], here: list[FloatArray]
-) -> dict[int, FloatArray]:
-    """By target, the other minimum of ``u'Hu - 2 b'u`` over unit vectors, unless it is far worse."""
-    minima = {}
-    for target, units in enumerate(_minima(information, towards)):
-        H, b, unit = information[target], towards[target], here[target]
-        misfits = np.sum((units @ H - 2.0 * b) * units, axis=1)
-        close = (units @ unit < np.cos(0.02)) & (misfits < (unit @ H - 2.0 * b) @ unit + FAR)
-        if close.any():
-            minima[target] = units[close][np.argmin(misfits[close])]
-    return minima
-
-
-def _minima(information: list[FloatArray], towards: list[FloatArray]) -> list[FloatArray]:
-    """All local minima of each target (m, k) over unit vectors, on the circle or on the sphere."""
-    minima = [
-        _minima_on_circle(H, b) if b.size == 2 else b for H, b in zip(information, towards, strict=True)
-    ]
-    free = [target for target, b in enumerate(towards) if b.size == 3]
-    if free:
-        H, b = (np.stack([of[target] for target in free]) for of in (information, towards))
-        branches = solve(Misfit(H, b, np.zeros(len(free)), np.ones(len(free), np.int64)))
-        for target, first, second in zip(free, branches.first, branches.second, strict=True):
-            minima[target] = np.stack([first, second])
-    return minima
-
-
-def _minima_on_circle(H: FloatArray, b: FloatArray) -> FloatArray:
-    # half a degree is near enough: unit normals are polished from there
-    angles = np.linspace(-np.pi, np.pi, 721)[:-1]
-    grid = np.column_stack([np.sin(angles), np.cos(angles)])
-    misfit = np.sum((grid @ H - 2.0 * b) * grid, axis=1)
-    return np.asarray(grid[(misfit < np.roll(misfit, 1)) & (misfit <= np.roll(misfit, -1))])

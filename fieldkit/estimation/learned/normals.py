@@ -10,12 +10,13 @@ the distribution is taken to be normal in the plane that touches the sphere (Lap
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.normal import tangent_pair
-from fieldkit.model.arrays import BoolArray, FloatArray
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 
 LONGEST = 0.25
 """Longest step of the gain or of a turn in radians.
@@ -31,24 +32,38 @@ NO_WORSE = 1e-8
 would differ between processors."""
 
 
-@dataclass(frozen=True, slots=True)
-class UnitNormals:
-    """Unit normals for each of p hypotheses, with the gain (p,).
-
-    `units` are each target's unit vectors in the axes of the layout (p, k), `tangents` the directions in
-    which they may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
-    targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
-    given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
-    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains.
-    """
+class Guess(NamedTuple):
+    """Gain (p,), unit normals of the targets (p, k) and their own gains (p, targets), under p hypotheses."""
 
     gain: FloatArray
     units: tuple[FloatArray, ...]
+    own: FloatArray
+
+    def under(self, hypotheses: IntArray) -> Guess:
+        """Under some hypotheses."""
+        units = tuple(unit[hypotheses] for unit in self.units)
+        return Guess(self.gain[hypotheses], units, self.own[hypotheses])
+
+
+@dataclass(frozen=True, slots=True)
+class UnitNormals:
+    """Unit normals for each of p hypotheses, with the gain.
+
+    `mode` is the most probable guess, its units in the axes of the layout; `tangents` are the directions in
+    which units may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
+    targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
+    given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
+    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains, and `free` (p, m, m) is
+    what the filters know of them.
+    """
+
+    mode: Guess
     tangents: tuple[FloatArray, ...]
     covariance: FloatArray
     log_evidence: FloatArray
     pull: FloatArray
     jacobian: FloatArray
+    free: FloatArray
 
     def turn(self, target: int) -> slice:
         """Places of a target's turns in `covariance`."""
@@ -56,33 +71,58 @@ class UnitNormals:
         return slice(first, first + self.tangents[target].shape[2])
 
 
+class FreeNormals(NamedTuple):
+    """Gain, normals times the gain and the targets' own gains as filters know them, of any length.
+
+    `mean` (p, m) and `information` (p, m, m).
+    """
+
+    mean: FloatArray
+    information: FloatArray
+
+    @classmethod
+    def of(cls, filters: Filters) -> FreeNormals:
+        """Under all hypotheses of the filters."""
+        layout, places = filters.layout, filters.layout.gain_and_normals
+        # beds that are unlike in what passes are unlike in what stays
+        own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
+        kinds_sd = [layout.unlike_of(target).gain_sd for target in range(layout.targets)]
+        own_sds = np.hypot(own_sd[:, np.newaxis], kinds_sd)
+        filtered = np.linalg.inv(filters.covariance[:, places[:, np.newaxis], places])
+        count, size = own_sds.shape[0], places.size
+        information = np.zeros((count, size + layout.targets, size + layout.targets))
+        information[:, :size, :size] = 0.5 * (filtered + filtered.transpose(0, 2, 1))
+        information[:, range(size, size + layout.targets), range(size, size + layout.targets)] = own_sds**-2
+        return cls(np.column_stack([filters.mean[:, places], np.zeros_like(own_sds)]), information)
+
+    def under(self, hypotheses: IntArray) -> FreeNormals:
+        """Under some hypotheses."""
+        return FreeNormals(self.mean[hypotheses], self.information[hypotheses])
+
+    def guess(self, units: tuple[FloatArray, ...]) -> Guess:
+        """The filters' own gain, with units (p, k) and no gains of the targets' own."""
+        return Guess(np.maximum(self.mean[:, 0], LEAST_GAIN), units, self.mean[:, -len(units) :])
+
+
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Gain, unit normals and the targets' own gains (p, targets), with what a step from them needs."""
+    """A guess, with what a step from it needs."""
 
-    gain: FloatArray
-    units: list[FloatArray]
-    own: FloatArray
+    guess: Guess
     tangents: list[FloatArray]
     jacobian: FloatArray
-    residual: FloatArray
+    pull: FloatArray
     misfit: FloatArray
 
     @classmethod
-    def at(
-        cls,
-        mean: FloatArray,
-        information: FloatArray,
-        gain: FloatArray,
-        units: list[FloatArray],
-        own: FloatArray,
-    ) -> _Fit:
+    def at(cls, free: FreeNormals, guess: Guess) -> _Fit:
+        gain, units, own = guess
         each = gain[:, np.newaxis] * (1.0 + own)
         scaled = [each[:, [target]] * unit for target, unit in enumerate(units)]
-        residual = mean - np.column_stack([gain, *scaled, own])
+        residual = free.mean - np.column_stack([gain, *scaled, own])
         tangents = [tangent_basis(unit) for unit in units]
         turns = sum(tangent.shape[2] for tangent in tangents)
-        jacobian = np.zeros((*mean.shape, 1 + turns + len(units)))
+        jacobian = np.zeros((*residual.shape, 1 + turns + len(units)))
         jacobian[:, 0, 0] = 1.0
         row, column = 1, 1
         for target, (unit, tangent) in enumerate(zip(units, tangents, strict=True)):
@@ -92,79 +132,56 @@ class _Fit:
             jacobian[:, rows, 1 + turns + target] = gain[:, np.newaxis] * unit
             row, column = rows.stop, columns.stop
         jacobian[:, row:, 1 + turns :] = np.eye(len(units))
-        weighted = np.matmul(information, residual[..., np.newaxis])[..., 0]
-        return cls(gain, units, own, tangents, jacobian, residual, (residual * weighted).sum(axis=1))
+        pull = np.matmul(free.information, residual[..., np.newaxis])[..., 0]
+        return cls(guess, tangents, jacobian, pull, (residual * pull).sum(axis=1))
 
-    def after_step(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
-        """Gain, unit normals and own gains after a step of gain, turns and own gains (p, q)."""
+    def after_step(self, step: FloatArray) -> Guess:
+        """The guess after a step of gain, turns and own gains (p, q)."""
         units, column = [], 1
-        for unit, tangent in zip(self.units, self.tangents, strict=True):
+        for unit, tangent in zip(self.guess.units, self.tangents, strict=True):
             columns = slice(column, column + tangent.shape[2])
             moved = unit + np.matmul(tangent, step[:, columns, np.newaxis])[..., 0]
             # a step along the tangent leaves the sphere to second order
             units.append(moved / np.linalg.norm(moved, axis=1, keepdims=True))
             column = columns.stop
-        return np.maximum(self.gain + step[:, 0], LEAST_GAIN), units, self.own + step[:, column:]
+        gain = np.maximum(self.guess.gain + step[:, 0], LEAST_GAIN)
+        return Guess(gain, tuple(units), self.guess.own + step[:, column:])
 
 
-def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
-    """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
-    filtered, free = _gain_and_normals(filters)
-    # beds that are unlike in what passes are unlike in what stays
-    own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
-    kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(len(starts))]
-    own_sd = np.hypot(own_sd[:, np.newaxis], kinds_sd)
-    mean, information = _with_own_gains(filtered, free, len(starts), own_sd)
-    units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
-    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, filtered.shape[1] :])
-    damping = np.full(len(mean), 1e-6)
+def unit_normals(free: FreeNormals, start: Guess, steps: int) -> UnitNormals:
+    """Most probable unit normals near a start, in at most `steps`."""
+    information, fit = free.information, _Fit.at(free, start)
+    damping = np.full(len(information), 1e-6)
     for _ in range(steps):
         step = _step(fit, information, damping)
         if np.abs(step).max() < CONVERGED:
             break
-        trial = _Fit.at(mean, information, *fit.after_step(step))
+        trial = _Fit.at(free, fit.after_step(step))
         better = trial.misfit <= fit.misfit + NO_WORSE
         damping = np.where(better, 0.2 * damping, 10.0 * damping + 1e-3)
-        fit = trial if better.all() else _either(mean, information, better, trial, fit)
+        fit = trial if better.all() else _either(free, better, trial, fit)
     weighted = np.matmul(information, fit.jacobian)
     curvature = np.matmul(fit.jacobian.transpose(0, 2, 1), weighted)
+    size = information.shape[1] - len(start.units)
     # the area of a sphere grows with its radius, the gain
-    area = np.log(fit.gain) * sum(tangent.shape[2] for tangent in fit.tangents)
+    area = np.log(fit.guess.gain) * sum(tangent.shape[2] for tangent in fit.tangents)
     # Laplace: the Gaussian over gain and turns alone, against that over free vectors
     volume = np.linalg.slogdet(information)[1] - np.linalg.slogdet(curvature)[1]
     return UnitNormals(
-        fit.gain,
-        tuple(fit.units),
+        fit.guess,
         tuple(fit.tangents),
         np.linalg.inv(curvature),
         0.5 * (volume - fit.misfit) + area,
-        -np.matmul(free, fit.residual[:, : filtered.shape[1], np.newaxis])[..., 0],
-        weighted[:, : filtered.shape[1]],
+        -fit.pull[:, :size],
+        weighted[:, :size],
+        information[:, :size, :size],
     )
 
 
-def _with_own_gains(
-    mean: FloatArray, information: FloatArray, targets: int, sd: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The same numbers, followed by the own gains of the targets around zero."""
-    count, size = mean.shape
-    whole = np.zeros((count, size + targets, size + targets))
-    whole[:, :size, :size] = information
-    whole[:, range(size, size + targets), range(size, size + targets)] = sd**-2
-    return np.column_stack([mean, np.zeros((count, targets))]), whole
-
-
-def _gain_and_normals(filters: Filters) -> tuple[FloatArray, FloatArray]:
-    """The filter's mean (p, m) and information (p, m, m) of gain and normals."""
-    places = filters.layout.gain_and_normals
-    information = np.linalg.inv(filters.covariance[:, places][:, :, places])
-    return filters.mean[:, places], 0.5 * (information + information.transpose(0, 2, 1))
-
-
 def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray:
-    transposed = np.matmul(fit.jacobian.transpose(0, 2, 1), information)
-    slope = np.matmul(transposed, fit.residual[..., np.newaxis])
-    curvature = np.matmul(transposed, fit.jacobian)
+    transposed = fit.jacobian.transpose(0, 2, 1)
+    slope = np.matmul(transposed, fit.pull[..., np.newaxis])
+    curvature = np.matmul(transposed, np.matmul(information, fit.jacobian))
     diagonal = np.arange(curvature.shape[1])
     # as Marquardt damps: relative, because gain and turns differ in size
     curvature[:, diagonal, diagonal] *= 1.0 + damping[:, np.newaxis]
@@ -172,12 +189,13 @@ def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray
     return np.asarray(step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / LONGEST))
 
 
-def _either(mean: FloatArray, information: FloatArray, better: BoolArray, trial: _Fit, fit: _Fit) -> _Fit:
+def _either(free: FreeNormals, better: BoolArray, trial: _Fit, fit: _Fit) -> _Fit:
     """The trial where it is better."""
     chosen = better[:, np.newaxis]
-    units = [np.where(chosen, new, old) for new, old in zip(trial.units, fit.units, strict=True)]
-    gain, own = np.where(better, trial.gain, fit.gain), np.where(chosen, trial.own, fit.own)
-    return _Fit.at(mean, information, gain, units, own)
+    new, old = trial.guess, fit.guess
+    units = (np.where(chosen, *pair) for pair in zip(new.units, old.units, strict=True))
+    gain, own = np.where(better, new.gain, old.gain), np.where(chosen, new.own, old.own)
+    return _Fit.at(free, Guess(gain, tuple(units), own))
 
 
 def tangent_basis(unit: FloatArray) -> FloatArray:

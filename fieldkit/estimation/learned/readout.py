@@ -98,7 +98,7 @@ def known_slope(learner: Learner, target: int) -> KnownSlope:
 def turns_of(normals: UnitNormals, target: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unit vectors of a target, directions in which they may turn, and the covariance of the turns."""
     turn = normals.turn(target)
-    return normals.units[target], normals.tangents[target], normals.covariance[:, turn, turn]
+    return normals.mode.units[target], normals.tangents[target], normals.covariance[:, turn, turn]
 
 
 def slope_of(branches: Sequence[Branch], axes: FloatArray, settings: EstimatorSettings) -> KnownSlope:
@@ -176,8 +176,8 @@ def _holds_upright(points: FloatArray, weights: FloatArray, confidence: float) -
     away, upright = ((normals - shares @ points) @ plane for normals in (points, VERTICAL))
     inverse = np.linalg.inv((shares[:, np.newaxis] * away).T @ away)
     # of the mixture's own distances: its tails are not those of a normal distribution
-    bound = quantiles(np.sum(away @ inverse * away, axis=1), shares, (confidence,))[0]
-    return bool(upright @ inverse @ upright <= bound)
+    nearer = (away @ inverse * away).sum(axis=1) < upright @ inverse @ upright
+    return bool(shares[nearer].sum() <= confidence)
 
 
 def _region(drawn: Points, is_flat: bool, azimuth: float, settings: EstimatorSettings) -> LikelihoodRegion:
@@ -247,16 +247,19 @@ def moments(learner: Learner) -> Moments:
     further = layout.place("session_exchange")
     own = posterior.filters.covariance[:, further, further] / exchange**2
     covariance[inner, inner] += weights @ own  # of the first of LOGARITHMS
-    tilts = tuple(f"tilt{target}" for target in range(layout.targets))
-    offsets = tuple(f"offset{target}" for target in range(layout.targets))
-    return Moments(("gain", *tilts, *STATES, *offsets, *LEVEL, *LOGARITHMS), mean, covariance)
+    tilts, offsets, drying = (
+        [f"{name}{target}" for target in range(layout.targets)] for name in ("tilt", "offset", "drying")
+    )
+    names = ("gain", *tilts, *STATES, *offsets, *drying, *LEVEL, *LOGARITHMS)
+    return Moments(names, mean, covariance)
 
 
 def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatArray]:
-    """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states, offsets, level, by hypothesis."""
+    """Means (p, m) and covariances (p, m, m) of what `moments` is of before the logarithms, by hypothesis."""
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.place(name) for name in STATES]
     others += [layout.offset(layout.region(target)) for target in range(layout.targets)]
+    others += [layout.drying(target) for target in range(layout.targets)]
     others += range(layout.level.start, layout.level.stop)
     steps, tilts = by_tilt(learner)
     turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))
@@ -265,7 +268,7 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     units = np.append(np.ones(len(others) - len(LEVEL)), [math.degrees(1.0 / learner.settings.scale)] * 2)
     states, own, response = states * units, own * np.outer(units, units), response * units[:, np.newaxis]
     crossed = np.matmul(response, steps.transpose(0, 2, 1))
-    means = np.column_stack([normals.gain, tilts, states])
+    means = np.column_stack([normals.mode.gain, tilts, states])
     upper = np.concatenate([turned, crossed.transpose(0, 2, 1)], axis=2)
     return means, np.concatenate([upper, np.concatenate([crossed, own], axis=2)], axis=1)
 
@@ -274,19 +277,15 @@ def known_states(
     filters: Filters, normals: UnitNormals, places: Sequence[int] | IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Means (p, m) and covariances (p, m, m) of states by unit normals, and by gain and turns (p, m, q)."""
-    constrained = filters.layout.gain_and_normals
-    shared = filters.covariance[:, places][:, :, constrained]
+    rows = np.asarray(places)[:, np.newaxis]
+    shared = filters.covariance[:, rows, filters.layout.gain_and_normals]
     # what the unit lengths teach of the rest: the regression on gain and normals
-    response = np.matmul(shared, np.matmul(normals.jacobian, normals.covariance))
-    constrained_covariance = filters.covariance[:, constrained][:, :, constrained]
-    regression = np.matmul(shared, np.linalg.inv(constrained_covariance))
-    own = (
-        filters.covariance[:, places][:, :, places]
-        - np.matmul(regression, shared.transpose(0, 2, 1))
-        + np.matmul(np.matmul(shared, normals.jacobian), response.transpose(0, 2, 1))
-    )
+    by_turns = np.matmul(normals.jacobian, normals.covariance)
+    taught = normals.free - np.matmul(by_turns, normals.jacobian.transpose(0, 2, 1))
+    own = filters.covariance[:, rows, places]
+    own -= np.matmul(np.matmul(shared, taught), shared.transpose(0, 2, 1))
     means = filters.mean[:, places] + np.matmul(shared, normals.pull[..., np.newaxis])[..., 0]
-    return means, own, response
+    return means, own, np.matmul(shared, by_turns)
 
 
 def by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
@@ -296,7 +295,7 @@ def by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
     steps = np.zeros((count, 1 + layout.targets, turns))
     steps[:, 0, 0] = 1.0
     tilts = np.zeros((count, layout.targets))
-    for target, (unit, tangent) in enumerate(zip(normals.units, normals.tangents, strict=True)):
+    for target, (unit, tangent) in enumerate(zip(normals.mode.units, normals.tangents, strict=True)):
         best = unit @ layout.facing[target].T
         tilts[:, target], azimuth = tilt_azimuth(best)
         steeper = normal(tilts[:, target] + 90.0, azimuth)
@@ -305,19 +304,13 @@ def by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
     return steps, tilts
 
 
-def drying_w_m2(learner: Learner, target: int) -> tuple[float, float]:
+def drying_w_m2(joint: Moments, target: int, hours: float) -> tuple[float, float]:
     """Flux that only fades into one target alone, in the first minute, and its standard deviation, W/m2.
 
-    A bed that dries loses heat by it, below zero.
+    A bed that dries loses heat by it, below zero; `hours` after the first minute.
     """
-    posterior, weights = learner.posterior, learner.posterior.weights
-    states, covariances, _ = known_states(
-        posterior.filters, posterior.normals, [learner.layout.drying(target)]
-    )
-    mean = weights @ states[:, 0]
-    variance = weights @ (covariances[:, 0, 0] + (states[:, 0] - mean) ** 2)
-    faded = math.exp(-60.0 * learner.last.hours / DRYING_MINUTES)
-    return float(mean) / faded, math.sqrt(variance) / faded
+    name, faded = f"drying{target}", math.exp(-60.0 * hours / DRYING_MINUTES)
+    return float(joint.mean[joint.names.index(name)]) / faded, joint.sd(name) / faded
 
 
 def prior_places(settings: EstimatorSettings, sds: dict[str, float]) -> dict[str, tuple[float, float]]:

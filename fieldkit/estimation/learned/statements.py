@@ -13,7 +13,7 @@ import numpy as np
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import STEPS_AFTER_DRAW, Learner
-from fieldkit.estimation.learned.normals import unit_normals
+from fieldkit.estimation.learned.normals import FreeNormals, unit_normals
 from fieldkit.estimation.learned.readout import KnownSlope, known_states, slope_of, turns_of
 from fieldkit.estimation.normal import tangent_pair
 from fieldkit.model.arrays import FloatArray
@@ -29,14 +29,14 @@ def unstated_slope(learner: Learner, reference: int) -> KnownSlope:
     """Slope of a reference of the learner's layout by all others."""
     layout, posterior = learner.layout, learner.posterior
     filters, change = _without_statement(learner, reference)
-    normals = unit_normals(filters, posterior.normals.units, STEPS_AFTER_DRAW)
+    normals = unit_normals(FreeNormals.of(filters), posterior.normals.mode, STEPS_AFTER_DRAW)
     log_weights = posterior.log_weights + change + normals.log_evidence - posterior.normals.log_evidence
     if reference:
         facing = layout.facing[reference - 1]
         units, tangents, covariance = turns_of(normals, reference - 1)
     else:
         off, covariance, _ = known_states(filters, normals, range(layout.level.start, layout.level.stop))
-        facing, scale = np.eye(3), normals.gain[:, np.newaxis]
+        facing, scale = np.eye(3), normals.mode.gain[:, np.newaxis]
         units = layout.known[0] + off / scale @ layout.level_axes.T
         units /= np.linalg.norm(units, axis=1, keepdims=True)
         covariance = covariance / scale[..., np.newaxis] ** 2

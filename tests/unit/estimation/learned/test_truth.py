@@ -15,7 +15,7 @@ from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minutes_between
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner, Recorded
-from fieldkit.estimation.learned.normals import unit_normals
+from fieldkit.estimation.learned.normals import FreeNormals, unit_normals
 from fieldkit.estimation.learned.readout import learnt_parameters, moments
 from fieldkit.physics.facet import angle_between_deg, normal
 from tests.harness.drawn import drawn_world
@@ -78,14 +78,15 @@ def test_unit_normals_are_the_mean_and_evidence_of_the_normal_distribution_on_th
     layout, places = filters.layout, filters.layout.gain_and_normals
     mean, covariance = filters.mean[0, places], filters.covariance[0][np.ix_(places, places)]
     start = filters.mean[:, layout.normal(0)]
-    found = unit_normals(filters, (start / np.linalg.norm(start, axis=1, keepdims=True),), 40)
-    unit, tangent = found.units[0][0], found.tangents[0][0]
+    free = FreeNormals.of(filters)
+    found = unit_normals(free, free.guess((start / np.linalg.norm(start, axis=1, keepdims=True),)), 40)
+    unit, tangent = found.mode.units[0][0], found.tangents[0][0]
     sds = np.sqrt(np.diagonal(found.covariance[0]))
     grids = [np.linspace(-5.0, 5.0, 27) * sd for sd in sds]
     gain, *turns, own = np.meshgrid(*grids, indexing="ij")
     turned = unit + np.stack([one.ravel() for one in turns], axis=1) @ tangent.T
     length = np.linalg.norm(turned, axis=1)
-    units, gains = turned / length[:, np.newaxis], found.gain[0] + gain.ravel()
+    units, gains = turned / length[:, np.newaxis], found.mode.gain[0] + gain.ravel()
     longer = 1.0 + own.ravel()
     away = np.column_stack([gains, (gains * longer)[:, np.newaxis] * units]) - mean
     own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)[0]
@@ -112,7 +113,8 @@ def test_unit_normals_are_the_mean_and_evidence_of_the_normal_distribution_on_th
 def test_unit_normals_have_unit_length_and_any_start_leads_to_them():
     filters = filtered("free")
     starts = [normal(tilt, azimuth) for tilt, azimuth in ((5.0, 180.0), (25.0, 90.0), (15.0, 200.0))]
-    ends = [unit_normals(filters, (start,), 60).units[0][0] for start in starts]
+    free = FreeNormals.of(filters)
+    ends = [unit_normals(free, free.guess((start[np.newaxis],)), 60).mode.units[0][0] for start in starts]
     for end in ends:
         assert np.linalg.norm(end) == pytest.approx(1.0)
         assert angle_between_deg(end, ends[0]) < 1e-4
@@ -178,7 +180,8 @@ def test_what_a_reading_would_bring_is_what_it_brings():
             filters.step(minute)
         starts = tuple(filters.mean[:, layout.normal(i)] for i in range(layout.targets))
         starts = tuple(one / np.linalg.norm(one, axis=1, keepdims=True) for one in starts)
-        normals = unit_normals(filters, starts, 60)
+        free = FreeNormals.of(filters)
+        normals = unit_normals(free, free.guess(starts), 60)
         posterior = SimpleNamespace(filters=filters, normals=normals, weights=np.ones(1))
         return moments(SimpleNamespace(layout=layout, settings=settings, posterior=posterior))
 
