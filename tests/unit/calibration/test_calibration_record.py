@@ -32,25 +32,14 @@ from tests.harness.next_steps import at, steps
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
 SAND = CalibrationRecord(
-    kind="emissivity",
-    name="dry-silica-sand",
-    date=DATE,
-    value=0.915,
-    standard_uncertainty=0.015,
-    unit="1",
-    method="contact thermometer (ASTM E1933)",
-    degrees_of_freedom=4,
+    "emissivity", "dry-silica-sand", DATE, 0.915, 0.015, "1", "contact thermometer (ASTM E1933)",
+    degrees_of_freedom=4, band="8-14 um, flat", angle_deg=25.0, expires=expiry("emissivity", DATE),
     budget=(Contribution("probe to skin temperature", 0.5, "K", "B", -0.012),),
-    band="8-14 um, flat",
-    angle_deg=25.0,
     instrument=Instrument("camera", "Lepton 3.5", "0012", "high"),
     sources=(Source("20261210T010000Z-sand.h5", "ab" * 32),),
-    details={"temperature_range_c": [41.2, 58.3], "pairs": 5},
-    settings={"region": "sand"},
-    remarks=("a doubt",),
-    software="fieldkit 0.1.0",
-    expires=expiry("emissivity", DATE),
-)
+    details={"temperature_range_c": [41.2, 58.3], "pairs": 5}, settings={"region": "sand"},
+    remarks=("a doubt",), software="fieldkit 0.1.0",
+)  # fmt: skip
 
 
 def test_a_record_comes_back_as_it_was_written(tmp_path):

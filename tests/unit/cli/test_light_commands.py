@@ -7,15 +7,17 @@ import shlex
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
 import fieldkit
-from fieldkit.recording.running import session_in_progress
+from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import feed_path, recorder_status
 from fieldkit.views import unix_socket
 from tests.harness.command_line import document, succeed
+from tests.harness.recorder_process import recorder
 from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
@@ -47,31 +49,19 @@ def run(*commands: str) -> list[tuple[int, str]]:
     return [(code, output) for code, output in results]
 
 
-def begun(folder):
-    """The process of a simulated recording, whose minutes last two seconds, once its recorder answers."""
-    command = [sys.executable, "-m", "fieldkit"]
-    subprocess.run([*command, "init", "--simulated", str(folder)], check=True, capture_output=True)
-    process = subprocess.Popen(
-        [*command, "record", "-C", str(folder), "--quiet", "--set", "simulation.speed=30", *SET_SELDOM]
-    )
-    recordings = folder / "recordings"
-
-    def answers() -> bool:
-        assert process.poll() is None
-        session = session_in_progress(recordings)
-        return session is not None and bool(recorder_status(session))
-
-    wait_until(answers, "the recorder does not answer", every_s=0.1)
-    return process, session_in_progress(recordings)
+@contextmanager
+def recorded_in(folder):
+    """A simulated recording whose minutes last two seconds, once its recorder replies."""
+    init_campaign(folder, simulated=True)
+    with recorder(folder, "--set", "simulation.speed=30", *SET_SELDOM) as (session, process):
+        wait_until(lambda: recorder_status(session), "the recorder does not reply", every_s=0.1)
+        yield folder, session, process
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("light") / "field"
-    process, session = begun(folder)
-    yield folder, session, process
-    process.kill()
-    process.wait()
+    with recorded_in(tmp_path_factory.mktemp("light") / "field") as running:
+        yield running
 
 
 def test_help_loads_no_heavy_library():
@@ -198,13 +188,12 @@ def test_a_request_that_is_not_one_gets_no_answer_and_the_next_one_does(recordin
 
 
 def test_a_killed_recorder_leaves_nothing_that_looks_like_a_recording(tmp_path):
-    folder = tmp_path / "field"
-    process, session = begun(folder)
-    process.kill()
-    process.wait()
-    assert feed_path(session).is_socket()  # it is still there, and nothing listens
-    assert_nothing_runs(folder)
-    assert "interrupted" in succeed("ls", "-C", folder).stdout
+    with recorded_in(tmp_path / "field") as (folder, session, process):
+        process.kill()
+        process.wait()
+        assert feed_path(session).is_socket()  # it is still there, and nothing listens
+        assert_nothing_runs(folder)
+        assert "interrupted" in succeed("ls", "-C", folder).stdout
 
 
 def test_sealed_sessions_are_listed_without_opening_them_again(tmp_path, recording):

@@ -23,6 +23,7 @@ from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.command_line import document, invoke, succeed
 from tests.harness.command_line import fieldkit as run
 from tests.harness.next_steps import at
+from tests.harness.recorder_process import recorder
 from tests.harness.recording import CountedClock, fill, header, session_of
 from tests.harness.waiting import wait_until
 
@@ -190,21 +191,15 @@ def test_marks_of_a_finished_session_are_listed_edited_and_taken_back(campaign, 
 
 @pytest.fixture
 def simulated(tmp_path):
-    """A simulated campaign, its recordings, and the process that records one."""
-    campaign = tmp_path / "field"
-    recordings = init_campaign(campaign, simulated=True).config.recordings
-    process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
-    try:
-        wait_until(lambda: session_in_progress(recordings), "nothing is recorded", every_s=0.1)
-        yield campaign, recordings, process
-    finally:
-        process.kill()
-        process.wait()
+    """A simulated campaign, its session, and the process that records it."""
+    init_campaign(tmp_path / "field", simulated=True)
+    with recorder(tmp_path / "field") as (session, process):
+        yield tmp_path / "field", session, process
 
 
 def test_a_running_recording_is_marked_in_the_time_of_its_scene_corrected_and_stopped_from_python(simulated):
     """The scene begins on the first of January 2016 at noon in Alamosa, seven hours behind UTC."""
-    campaign, recordings, process = simulated
+    campaign, path, process = simulated
     moments = ("12:02", "20:01+01:00", "2016-01-01T12:00")
     for moment in moments:  # at once: nothing may be recorded yet
         mark(campaign, moment, "--at", moment)
@@ -215,7 +210,6 @@ def test_a_running_recording_is_marked_in_the_time_of_its_scene_corrected_and_st
     take_back = ("mark", "-C", campaign, "--take-back", "shade-test b15")
     wait_until(lambda: run(*take_back).exit_code == 0, "the marks are not stored", every_s=0.1)
     mark(campaign, "--edit", "wind", "gusts")
-    path = session_in_progress(recordings)
     assert fieldkit.status(campaign)["session"] == str(path)
     assert fieldkit.mark("dust", fieldkit.open_campaign(campaign), kind="air").session == path
     assert fieldkit.stop(campaign) == path

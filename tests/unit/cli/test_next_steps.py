@@ -99,32 +99,20 @@ def test_every_argument_of_an_action_is_one_of_its_call_and_an_option_of_its_com
             assert name in {option.name for option in command_of(Action[action]).params}, (action, name)
 
 
+PRESENT = Action.ESTIMATE(present=True)
+
+
 @pytest.mark.parametrize(
     ("command", "text", "python", "typed"),
     [
-        (
-            "import",
-            Action.CHECK(Path("/a/b c.h5")),
-            "fieldkit.check('/a/b c.h5')",
-            "fieldkit check '/a/b c.h5'",
-        ),
+        ("import", Action.CHECK(Path("/b c.h5")), "fieldkit.check('/b c.h5')", "fieldkit check '/b c.h5'"),
         ("import", Action.STOP() + " ends it", "fieldkit.stop() ends it", "fieldkit stop ends it"),
-        (
-            "import",
-            Action.ESTIMATE(present=True),
-            "fieldkit.estimate(session, present=True)",
-            "fieldkit estimate --campaign",
-        ),
+        ("import", PRESENT, "fieldkit.estimate(session, present=True)", "fieldkit estimate --campaign"),
         ("import", "omit " + Argument("zone"), "omit zone", "omit --zone"),
         ("import", Argument("zone", "Asia/Tokyo"), "zone='Asia/Tokyo'", "--zone Asia/Tokyo"),
         ("import", Argument("name", "logger"), "name='logger'", "--as logger"),
         ("import", Argument("offset_s", 12.0), "offset_s=12.0", "--clock-offset 12.0"),
-        (
-            "estimate",
-            Argument("settings", {"site.body": "moon"}),
-            "settings={'site.body': 'moon'}",
-            "--set site.body=moon",
-        ),
+        ("estimate", Argument("settings", {"a.b": "moon"}), "settings={'a.b': 'moon'}", "--set a.b=moon"),
     ],
 )
 def test_a_text_has_the_form_of_the_place_where_it_is_read(command, text, python, typed):

@@ -105,9 +105,8 @@ def test_the_language_is_the_one_chosen_or_preferred(accepted, chosen, language)
 
 
 def test_an_error_of_the_page_is_its_text_with_its_values():
-    assert text_document(PageError("silent", seconds="5").words) == text_document(
-        Words("refused.silent", seconds="5")
-    )
+    error = PageError("silent", seconds="5")
+    assert text_document(error.words) == text_document(Words("refused.silent", seconds="5"))
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -118,6 +117,7 @@ def test_no_text_has_a_command_or_a_key(language):
 
 RECOVER, DOCTOR = Words("next.recover"), Words("next.doctor")
 DURATION = ConfigError(Words("error.duration"), place="'soon'", fix=Words("fix.duration"))
+DAMAGED = SessionError("damaged", place=Path("/a/b.h5"), fix=Action.RECOVER("/a/b.h5"))
 CROSSED = Mistake(("region", 4, "points_px"), Words("issue.region.crosses"))
 
 
@@ -125,17 +125,11 @@ CROSSED = Mistake(("region", 4, "points_px"), Words("issue.region.crosses"))
     ("error", "shown"),
     [
         (RefusedError("--name: 'a/b' has a slash", fix="--name a-b"), "'a/b' has a slash"),
-        (
-            ConfigError("region[4].name: taken", place="b15", fix="choose another"),
-            "b15: taken; choose another",
-        ),
+        (ConfigError("region[4].name: taken", place="b15", fix="rename it"), "b15: taken; rename it"),
         (RefusedError("nothing is recorded", fix=Action.RECORD()), "nothing is recorded; start a recording"),
         (ConfigError("wrong", fix="edit fieldkit.toml"), "wrong"),
         (ConfigError("wrong", place=Argument("to")), "wrong"),
-        (
-            SessionError("damaged", place=Path("/a/b.h5"), fix=Action.RECOVER("/a/b.h5")),
-            f"b.h5: damaged; {RECOVER}",
-        ),
+        (DAMAGED, f"b.h5: damaged; {RECOVER}"),
         (DURATION, "'soon': is not a valid duration; use 3h, 90m or 45s"),
         (ConfigMistakesError([("b15", CROSSED)]), f"b15: {CROSSED.message}"),
         (together([DURATION, DeviceAccessError("used")]), f"'soon': is not a valid duration; used; {DOCTOR}"),
