@@ -70,13 +70,19 @@ def write_all(descriptor: int, data: memoryview, offset: int) -> None:
         data, offset = data[count:], offset + count
 
 
-def sync(path: Path) -> None:
+def sync(path: Path, flush: Callable[[int], None] = os.fsync) -> None:
     """Ask the disk to keep what was written to a file or folder; raises `OSError`."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(descriptor)
+        flush(descriptor)
     finally:
         os.close(descriptor)
+
+
+def sync_data(path: Path) -> None:
+    """The same for a file's bytes alone; one that has gone needs none. Raises `OSError`."""
+    with contextlib.suppress(FileNotFoundError):
+        sync(path, os.fdatasync)
 
 
 def put_in_place(draft: Path, path: Path) -> None:
@@ -153,18 +159,6 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
-    finally:
-        os.close(descriptor)
-
-
-def sync_data(path: Path) -> None:
-    """The same for a file's bytes alone; one that has gone needs none. Raises `OSError`."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        return
-    try:
-        os.fdatasync(descriptor)
     finally:
         os.close(descriptor)
 

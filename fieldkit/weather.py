@@ -185,9 +185,8 @@ def read_table(lines: Iterable[str]) -> Weather:
         ends_ns = np.array([row["end_utc"].rstrip("Z") for row in rows], "datetime64[ns]").astype(np.int64)
         values = {name: np.array([float(row[name] or "nan") for row in rows]) for name in _COLUMNS}
     except KeyError as missing:
-        raise ConfigError(
-            f"the weather table lacks {missing}", fix="make it again: python -m fieldkit.weather"
-        ) from None
+        fix = "make it again: python -m fieldkit.weather"
+        raise ConfigError(f"the weather table lacks {missing}", fix=fix) from None
     values["air_temperature_k"] = values.pop("air_temperature_c") + CELSIUS_ZERO_K
     values["pressure_pa"] = values.pop("pressure_hpa") * 100.0
     time_ns, source = ends_ns - half_step_ns(ends_ns), about.get("source", "")
@@ -233,9 +232,8 @@ def read_station_file(path: Path) -> Weather:
     try:
         content = unpacked(path, _MOST_BYTES)
         if len(content) == _MOST_BYTES:
-            raise ConfigError(
-                f"more than {_MOST_BYTES // 10**6} MB", place=path, fix="use one day, or one month"
-            )
+            fix = "use one day, or one month"
+            raise ConfigError(f"more than {_MOST_BYTES // 10**6} MB", place=path, fix=fix)
         program = _program_of(content[:_HEAD_BYTES])
         if program is _BSRN:
             return _bsrn(path, content.decode("ascii", errors="replace"))
@@ -255,19 +253,15 @@ def _surfrad_site(path: Path, content: bytes) -> Site:
     """The station, by the position in the second line; the sign of its longitude is unreliable."""
     place = _SURFRAD_PLACE.match(content)
     if place is None:
-        raise ConfigError(
-            "not a SURFRAD daily file, nor one of BSRN",
-            place=path,
-            fix="give a file as the network names it, like slv16001.dat or tat0624.dat.gz",
-        )
+        fix = "give a file as the network names it, like slv16001.dat or tat0624.dat.gz"
+        raise ConfigError("not a SURFRAD daily file, nor one of BSRN", place=path, fix=fix)
     latitude, longitude = float(place[1]), float(place[2])
     for site in STATIONS.values():
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
             return site
-    raise ConfigError(
-        "an unknown SURFRAD station", place=path, fix=f"name a known station: {', '.join(STATIONS)}"
-    )
+    fix = f"name a known station: {', '.join(STATIONS)}"
+    raise ConfigError("an unknown SURFRAD station", place=path, fix=fix)
 
 
 def read_surfrad(path: Path) -> Weather:
@@ -305,11 +299,8 @@ def _surfrad_rows(path: Path) -> tuple[Site, Rows, tuple[str, ...]]:
     try:
         rows, notes = _whole_rows([line.split() for line in lines[2:] if line.strip()])
     except ValueError as cause:
-        raise ConfigError(
-            f"not a SURFRAD daily file: {cause}",
-            place=path,
-            fix="give a file as NOAA names it, like slv16001.dat",
-        ) from cause
+        fix = "give a file as NOAA names it, like slv16001.dat"
+        raise ConfigError(f"not a SURFRAD daily file: {cause}", place=path, fix=fix) from cause
     return site, rows, tuple(f"{path.name}: {note}" for note in notes)
 
 
@@ -360,7 +351,12 @@ def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
 
 
 def _bsrn(path: Path, text: str) -> Weather:
-    text, notes = _without_cut_line(path, text)
+    lines = text.splitlines()
+    notes: tuple[str, ...] = ()
+    # Columns are fixed, and a minute of record 0100 has two lines: a whole one is as long as the one but last.
+    if len(lines) > 2 and not text.endswith("\n") and len(lines[-1]) < len(lines[-3].rstrip()):
+        text = "\n".join(lines[:-1])
+        notes = (f"{path.name}: its last line is cut off and was excluded",)
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
     return replace(_by_pvlib(_BSRN, path, io.StringIO(text), logical_records=records), notes=notes)
 
@@ -385,17 +381,6 @@ def _by_pvlib(program: _Program, path: Path, source: Path | io.StringIO, **optio
         parts = table.filter(like="poa_")
         table = table.assign(ghi=parts.sum(axis=1, min_count=1), dhi=parts.get("poa_sky_diffuse", math.nan))
     return _weather_of(table, site, program, path)
-
-
-def _without_cut_line(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
-    """The text without a last line that ends within its numbers, and a note on that.
-
-    Columns are fixed, and a minute of record 0100 has two lines: a whole one is as long as the one but last.
-    """
-    lines = text.splitlines()
-    if text.endswith("\n") or len(lines) < 3 or len(lines[-1]) >= len(lines[-3].rstrip()):
-        return text, ()
-    return "\n".join(lines[:-1]), (f"{path.name}: its last line is cut off and was excluded",)
 
 
 _NAMES = {

@@ -74,11 +74,8 @@ def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
     chosen = [info for info in cameras if stream in (None, info.name)]
     if len(chosen) != 1:
         have = ", ".join(info.name for info in cameras) or "none"
-        if stream is not None:
-            name_one = f"name one of its cameras: {have}"
-            raise SessionError(f"{stream!r} is not a camera", place=session.path, fix=name_one)
-        fix = Argument("stream") + f" is one of {have}"
-        raise SessionError(f"which camera? It has {have}", place=session.path, fix=fix)
+        problem = f"which camera? It has {have}" if stream is None else f"{stream!r} is not a camera"
+        raise SessionError(problem, place=session.path, fix=Argument("stream") + f" is one of {have}")
     return chosen[0]
 
 
@@ -130,15 +127,11 @@ def kelvin(
     for frames in session.stream(info.name).frame_blocks(start, stop):
         values = convert(frames)
         bad = is_damaged(frames.flags)
-        if bad.any():
-            if damaged == "raise":
-                row = frames.start + int(np.argmax(bad))
-                raise IntegrityError(
-                    f"frame {row} of {info.name} does not match its checksum",
-                    place=session.path,
-                    fix=Argument("damaged", "nan") + " returns NaN there; " + Action.CHECK() + " lists them",
-                )
-            values[bad] = np.nan
+        if damaged == "raise" and bad.any():
+            problem = f"frame {frames.start + int(np.argmax(bad))} of {info.name} does not match its checksum"
+            fix = Argument("damaged", "nan") + " returns NaN there; " + Action.CHECK() + " lists them"
+            raise IntegrityError(problem, place=session.path, fix=fix)
+        values[bad] = np.nan
         parts.append(values)
     return np.concatenate(parts)
 

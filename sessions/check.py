@@ -7,7 +7,7 @@ stepped clocks) is a warning; the rest is reported as it is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -51,10 +51,12 @@ def check(path: str | Path) -> list[Finding]:
         return [_fail("file", error.statement, error.fix or "")]
     with session:
         findings: list[Finding] = []
-        for check_part in (
-            _state, integrity_findings, _entries, _streams, _events, clock_findings, sun_findings,
+        streams = [partial(stream_findings, name=name) for name in session.streams]
+        parts: list[Callable[[SessionReader], Iterable[Finding]]] = [
+            _state, integrity_findings, _entries, *streams, _events, clock_findings, sun_findings,
             radiation_findings, _regions,
-        ):  # fmt: skip
+        ]  # fmt: skip
+        for check_part in parts:
             try:
                 findings.extend(check_part(session))
             except Exception as error:  # whatever is in the file, the other checks go on
@@ -105,11 +107,6 @@ def _entries(session: SessionReader) -> list[Finding]:
     """Findings on tables that cannot be read; their meaning is judged by others."""
     session.entries()
     return []
-
-
-def _streams(session: SessionReader) -> Iterator[Finding]:
-    for name in session.streams:
-        yield from stream_findings(session, name)
 
 
 def _events(session: SessionReader) -> Iterator[Finding]:
@@ -208,23 +205,16 @@ def _middles_k(reader: StreamReader, seq: IntArray) -> tuple[FlagArray, FloatArr
 
 
 def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
-    seq = reader.column("seq")
-    missing = int(seq[-1]) + 1 - len(seq)
-    if missing:
+    seq, device_seq = reader.column("seq"), reader.column("device_seq")
+    if missing := int(seq[-1]) + 1 - len(seq):
         yield _fail(name, Words("issue.missing", count=missing, last=int(seq[-1])))
-    if lost := _lost_before(reader):
-        yield _warn(name, Words("issue.lost", count=lost))
-
-
-def _lost_before(reader: StreamReader) -> int:
-    """Samples lost between device and computer: only where flagged, because bursts skip on purpose."""
-    device_seq = reader.column("device_seq")
+    # lost between device and computer: only where flagged, because bursts skip on purpose
     flagged = (reader.column("flags") & int(Quality.DROPPED_BEFORE)) != 0
     is_counted = device_seq != NO_COUNTER
     steps, flagged = np.diff(device_seq[is_counted]), flagged[is_counted][1:]
-    if not steps.size or (usual := int(np.median(steps))) <= 0:
-        return 0
-    return int(np.sum(np.maximum(1, steps[flagged] // usual - 1)))
+    usual = int(np.median(steps)) if steps.size else 0
+    if usual > 0 and (lost := int(np.sum(np.maximum(1, steps[flagged] // usual - 1)))):
+        yield _warn(name, Words("issue.lost", count=lost))
 
 
 def _times(name: str, reader: StreamReader) -> Iterator[Finding]:

@@ -129,16 +129,13 @@ class FrameWriter:
         self._chunks[:, :, self.length - start :] = self._fill
         packed = self._pool.map(_pack_strip, self._chunks)  # some are written meanwhile
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        return [
-            self._write_chunk((start, *corner), data, crc32)
-            for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True)
-        ]
-
-    def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
-        self._places.clear()  # a week of recording has as many sizes as chunks
-        self._dataset.id.write_direct_chunk(corner, data)
-        # the library itself would look through all chunks there are, longer and longer
-        return Chunk(self._name, *corner, self._places[len(data)], len(data), crc32)
+        chunks: list[Chunk] = []
+        for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True):
+            self._places.clear()  # a week of recording has as many sizes as chunks
+            self._dataset.id.write_direct_chunk((start, *corner), data)
+            # the library itself would look through all chunks there are, longer and longer
+            chunks.append(Chunk(self._name, start, *corner, self._places[len(data)], len(data), crc32))
+        return chunks
 
 
 def _pack_strip(strip: CountArray) -> list[tuple[bytes, int]]:

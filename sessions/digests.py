@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from hashlib import sha256
+from itertools import chain
 from typing import Any
 
 import h5py
@@ -42,10 +43,10 @@ def object_digest(file: h5py.File, path: str) -> str:
     `KeyError` where HDF5 cannot read it.
     """
     node = file if path == ROOT else stored_here(file, path)
+    members = {*node} - {LATER_EVENTS} if isinstance(node, h5py.Group) else None
+    content = _data(node, path) if members is None else map(_with_end, sorted(members))
     digest = sha256()
-    for part in _attributes(node):
-        digest.update(part)
-    for part in _members(node) if isinstance(node, h5py.Group) else _data(node, path):
+    for part in chain(_attributes(node), content):
         digest.update(part)
     return digest.hexdigest()
 
@@ -66,27 +67,18 @@ def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:
         yield value.tobytes()
 
 
-def _members(group: h5py.Group) -> Iterator[bytes]:
-    for name in sorted({*group} - {LATER_EVENTS}):
-        yield _with_end(name)
-
-
 def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
     """Description and content of a dataset; of one that grows after the seal, without how long it is."""
     grows = path.startswith(_LATER)
     yield _head("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
     for axis in range(dataset.ndim):
-        for scale in _scales(dataset.id, axis):
+        scales: list[h5py.h5d.DatasetID] = []
+        if h5py.h5ds.get_num_scales(dataset.id, axis):  # HDF5 takes it for a mistake to go through none
+            h5py.h5ds.iterate(dataset.id, axis, scales.append, 0)
+        for scale in scales:
             yield h5py.h5ds.get_scale_name(scale) + b"\0"
     if not (grows or path in NOT_YET or path.rsplit("/", 1)[-1] in FRAME_DATASETS):
         yield from _values(dataset)
-
-
-def _scales(dataset: h5py.h5d.DatasetID, axis: int) -> list[h5py.h5d.DatasetID]:
-    scales: list[h5py.h5d.DatasetID] = []
-    if h5py.h5ds.get_num_scales(dataset, axis):  # HDF5 takes it for a mistake to go through none
-        h5py.h5ds.iterate(dataset, axis, scales.append, 0)
-    return scales
 
 
 def _values(dataset: h5py.Dataset) -> Iterator[bytes]:

@@ -39,22 +39,17 @@ def file_image(identity: SessionIdentity) -> bytes:
     """The bytes of a session file without samples, made in memory: there no disk can fail."""
     memory = io.BytesIO()  # HDF5 1.14's own image of a file in memory fails its checksum
     with h5py.File(memory, "w", libver=LIBVER) as file:
-        _tree(file, identity)
+        _root_attributes(file, identity)
+        _entry(file, identity)
+        for info in identity.header.streams:
+            _stream_group(file, info)
+        for name, columns in layout.entry_columns(identity.header).items():
+            _entry_group(file, name, columns, identity.header)
+        _config(file, identity.header)
+        # corrections of the clock are written afterwards and only when asked: data, not edits
+        put_columns(put_group(file, "time_map", "NXcollection"), layout.TIME_MAP_COLUMNS)
+        _integrity(file)
     return memory.getvalue()
-
-
-def _tree(file: h5py.File, identity: SessionIdentity) -> None:
-    header = identity.header
-    _root_attributes(file, identity)
-    _entry(file, identity)
-    for info in header.streams:
-        _stream_group(file, info)
-    for name, columns in layout.entry_columns(header).items():
-        _entry_group(file, name, columns, header)
-    _config(file, header)
-    # corrections of the clock are written afterwards and only when asked: data, not edits
-    put_columns(put_group(file, "time_map", "NXcollection"), layout.TIME_MAP_COLUMNS)
-    _integrity(file)
 
 
 def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:

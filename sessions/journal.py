@@ -145,10 +145,9 @@ class Journal:
         try:
             crc32 = self._write(record)
         except OSError as error:
-            raise StorageError(
-                f"the journal {self.folder} could not store a record: {error.strerror or error}",
-                fix="see that its disk can be written and has room; everything recorded until now is safe",
-            ) from error
+            problem = f"the journal {self.folder} could not store a record: {error.strerror or error}"
+            fix = "see that its disk can be written and has room; everything recorded until now is safe"
+            raise StorageError(problem, fix=fix) from error
         return self.next_id - 1, crc32
 
     def _write(self, record: Record) -> int | None:

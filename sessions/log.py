@@ -196,14 +196,19 @@ class LogReader:
 
     def heads(self) -> Iterator[Head]:
         """The head of each record that has one, in the order of the file; payloads are not looked at."""
-        at = self._start
+        at = behind = self._start
         self.damage.clear()
-        while (head := self._next_head(at)) is not None:
-            if head.at > at:
-                self.damage.append(f"{self.name}: {head.at - at} bytes from {at} on are damaged")
+        while at < self._size:
+            if (head := self.head_at(at)) is None:
+                at = self._next_magic(at + 1)
+                continue
+            if at > behind:
+                self.damage.append(f"{self.name}: {at - behind} bytes from {behind} on are damaged")
             yield head
-            at = self._behind(head)
-        self.is_whole = at == self._size
+            # a payload that was torn may hide whole records within its length
+            is_next = head.end == self._size or self._read(head.end, len(MAGIC)) == MAGIC
+            at = behind = head.end if is_next or self.payload(head) is not None else head.payload_at
+        self.is_whole = behind == self._size
 
     def payload(self, head: Head) -> bytes | None:
         """The payload of a record, None where it is damaged."""
@@ -223,20 +228,6 @@ class LogReader:
         record = Head(at, session, kind, stream, struct.unpack_from(f"<{streams}Q", rest), length, crc)
         is_possible = stream < streams and max(record.counts) < _MOST_RECORDS
         return record if record.end <= self._size and is_possible else None
-
-    def _behind(self, head: Head) -> int:
-        """Possible start of the next record: behind this one, or where it lacks bytes, within its length."""
-        # a payload that was torn may hide whole records within its length
-        is_next = head.end == self._size or self._read(head.end, len(MAGIC)) == MAGIC
-        return head.end if is_next or self.payload(head) is not None else head.payload_at
-
-    def _next_head(self, at: int) -> Head | None:
-        """The first record from a place on."""
-        while at < self._size:
-            if (head := self.head_at(at)) is not None:
-                return head
-            at = self._next_magic(at + 1)
-        return None
 
     def _next_magic(self, at: int) -> int:
         """Offset of the next magic, or the end of the file."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.channels import AIR_TEMPERATURE, air_quantities, radiation_components
-from fieldkit.model.device import StreamInfo
 from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
 from fieldkit.model.site import Site, known_zone
@@ -96,13 +95,7 @@ def _means(session: SessionReader) -> tuple[IntArray, dict[str, FloatArray]]:
     for info in session.streams.values():
         for channel, name in enumerate(radiation_components(info, {}) or air_quantities(info)):
             if name in (*RARE, AIR_TEMPERATURE) and name not in means and session.count(info.name):
-                means[name] = _mean_of(session, info, channel, minute)
+                middle_ns, mean = minute_means(session, info.name, channel)
+                means[name] = np.full(minute.size, np.nan)
+                means[name][np.clip(middle_ns // MINUTE_NS - first, 0, minute.size - 1)] = mean
     return minute, means
-
-
-def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: IntArray) -> FloatArray:
-    """Mean of one channel in each minute, kelvin of temperatures."""
-    middle_ns, means = minute_means(session, info.name, channel)
-    by_minute = np.full(minute.size, np.nan)
-    by_minute[np.clip(middle_ns // MINUTE_NS - minute[0], 0, minute.size - 1)] = means
-    return by_minute

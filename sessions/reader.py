@@ -566,21 +566,18 @@ def open_as(kind: type[S], path: str | Path | BinaryFile) -> S:
 def _open_as(kind: type[S], path: Path) -> S:
     # before the file is opened: a writer that releases the lock in between has sealed it
     is_written = is_locked(journal_path(path))
-    if _is_closed(path):
+    try:
+        is_closed = is_clean(path)
+    except SessionError as error:
+        waits = journal_path(path).exists() and not is_written
+        fix = Action.RECOVER(path) if waits else error.fix
+        raise SessionError(error.problem, place=error.place, fix=fix) from error
+    if is_closed:
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
         return _open_file(kind, path, lambda: h5py.File(path, "r"), unfinished=unfinished)
     if is_written:
         return _open_file(kind, path, lambda: h5py.File(path, "r", swmr=True), "recording")
     return _open_file(kind, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted")
-
-
-def _is_closed(path: Path) -> bool:
-    try:
-        return is_clean(path)
-    except SessionError as error:
-        waits = journal_path(path).exists() and not is_locked(journal_path(path))
-        fix = Action.RECOVER(path) if waits else error.fix
-        raise SessionError(error.problem, place=error.place, fix=fix) from error
 
 
 def open_interrupted(path: Path, *, salvage: bool = False) -> SessionReader:

@@ -102,10 +102,9 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     try:
         return Patience()(partial(_recover_locked, path, notes))
     except OSError as error:
-        raise StorageError(
-            f"the session {path} could not be recovered: {error.strerror or error}",
-            fix="make room beside it, or copy it with its .journal folder to where there is; nothing is lost",
-        ) from error
+        problem = f"the session {path} could not be recovered: {error.strerror or error}"
+        fix = "make room beside it, or copy it with its .journal folder to where there is; nothing is lost"
+        raise StorageError(problem, fix=fix) from error
 
 
 def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
@@ -188,12 +187,6 @@ def rebuild(
     """
     fresh = path.with_name(path.name + FRESH)
     report, salvage = _make(path, fresh, state, notes)
-    _take_place(fresh, path, keep_as)
-    return replace(report, path=path), salvage
-
-
-def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
-    """Put the new file in the old one's place; when this returns, the disk has it there."""
     if keep_as is not None and not keep_as.exists():  # one that exists is left by a recovery that was killed
         try:
             os.link(path, keep_as)
@@ -203,6 +196,7 @@ def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
             # where a file can have one name only; `recover` takes it back if the new one gets no place
             os.rename(path, keep_as)
     put_in_place(fresh, path)
+    return replace(report, path=path), salvage
 
 
 def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:

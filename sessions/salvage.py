@@ -103,10 +103,9 @@ class Salvage:
         except FormatError:
             raise
         except SessionError as error:
-            raise SessionError(
-                f"nothing can be read of {self._path}: {'; '.join([*self._damage, error.message])}",
-                fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
-            ) from error
+            problem = f"nothing can be read of {self._path}: {'; '.join([*self._damage, error.message])}"
+            fix = "take a copy of it if you have one, with its .journal folder; else the recording is lost"
+            raise SessionError(problem, fix=fix) from error
 
     def samples(self, stream: str) -> Iterator[tuple[Sample, int]]:
         """Every sample of a stream that can be had, by number, with its checksum."""
@@ -289,20 +288,18 @@ class StoredSamples:
         self.numbers: IntArray = np.empty(0, np.int64)
         self.rows: dict[int, int] = {}
         self.total: int = 0
-        if session is not None:
-            self._reader = session.stream(info.name)
-            try:
-                self._count_up(session.path.stat().st_size)
-            except (SessionError, OSError, RuntimeError) as error:
-                damage.append(f"{info.name}: {message_of(error)}")
-
-    def _count_up(self, end: int) -> None:
-        whole = self._reader.whole_rows(end)
-        runs = _parts(whole, whole - np.arange(len(whole)))
-        numbers = [self._reader.column("seq", int(run[0]), int(run[-1]) + 1) for run in runs]
-        self.numbers = np.concatenate([self.numbers, *numbers])
-        self.rows = dict(zip(self.numbers.tolist(), whole.tolist(), strict=True))
-        self.total = self._claimed = self._reader.claimed
+        if session is None:
+            return
+        self._reader = session.stream(info.name)
+        try:
+            whole = self._reader.whole_rows(session.path.stat().st_size)
+            runs = _parts(whole, whole - np.arange(len(whole)))
+            numbers = [self._reader.column("seq", int(run[0]), int(run[-1]) + 1) for run in runs]
+            self.numbers = np.concatenate([self.numbers, *numbers])
+            self.rows = dict(zip(self.numbers.tolist(), whole.tolist(), strict=True))
+            self.total = self._claimed = self._reader.claimed
+        except (SessionError, OSError, RuntimeError) as error:
+            damage.append(f"{info.name}: {message_of(error)}")
 
     def samples(self, numbers: Iterable[int]) -> dict[int, Sample]:
         """Those of the samples that are there and whole, by number."""

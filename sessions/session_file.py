@@ -125,9 +125,10 @@ class _Stream:
         self._waiting_since = 0.0
 
     def put(self, sample: Sample, crc32: int) -> list[Chunk]:
-        row = self._row(sample, crc32)
+        row = {**to_columns(stamps_of(sample)), "crc32": crc32}
         if isinstance(sample, Reading):
-            self._table.append(row)
+            raw = np.frombuffer(sample.raw.ljust(self._raw_width, b"\0"), np.uint8)
+            self._table.append({**row, "value": sample.values, "raw": raw, "raw_length": len(sample.raw)})
             return []
         if not self._waiting:
             self._waiting_since = time.monotonic()
@@ -146,13 +147,6 @@ class _Stream:
             self._waiting.clear()
         self._table.write()
         return chunks
-
-    def _row(self, sample: Sample, crc32: int) -> dict[str, Any]:
-        row = {**to_columns(stamps_of(sample)), "crc32": crc32}
-        if isinstance(sample, Frame):
-            return row
-        raw = np.frombuffer(sample.raw.ljust(self._raw_width, b"\0"), np.uint8)
-        return {**row, "value": sample.values, "raw": raw, "raw_length": len(sample.raw)}
 
 
 # --- the thread that keeps the file up with the journal, and the journal small

@@ -104,17 +104,16 @@ class StreamReader:
         self._is_outline = outline
         columns = [self._declared["time"]] if outline else self._declared.values()
         self._columns = stored.columns_of(self._group, columns, salvage=salvage)
-        self.frame_datasets: list[h5py.Dataset] = []
+        shapes = {"counts": info.shape, "metadata_rows": info.metadata_shape}
+        self.frame_datasets: list[h5py.Dataset] = [
+            self._frame_dataset(name, shape)
+            for name, shape in shapes.items()
+            if info.is_camera and shape[0] and not outline
+        ]
         """Those of a camera: its counts and metadata rows."""
-        if info.is_camera and not outline:
-            self.frame_datasets = self._open_frames()
         self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
         self._packed = {frames.name for frames in self.frame_datasets if is_packed(frames)}
-
-    def _open_frames(self) -> list[h5py.Dataset]:
-        shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
-        return [self._frame_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
 
     def _frame_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
         dataset = stored.dataset_of(self._group, name, shape, "u2")
@@ -166,7 +165,10 @@ class StreamReader:
         end = len(self) if stop is None else min(stop, len(self))
         if name not in self._columns:
             return stored.unknown_rows(self._group, self._declared[name], max(0, end - start))
-        return _rows(self._columns[name], start, end)
+        try:
+            return np.asarray(self._columns[name][start:end])
+        except (OSError, RuntimeError) as error:
+            raise SessionError(f"cannot be read: {error}", place=self._columns[name].name) from error
 
     def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:
         """UTC nanoseconds of the samples."""
@@ -330,10 +332,3 @@ def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:
     """First row and end of every block of `step` rows that `start`..`stop` runs through."""
     for first in range(start - start % step, stop, step) if start < stop else ():
         yield max(first, start), min(first + step, stop)
-
-
-def _rows(dataset: h5py.Dataset, start: int, stop: int) -> AnyArray:
-    try:
-        return np.asarray(dataset[start:stop])
-    except (OSError, RuntimeError) as error:
-        raise SessionError(f"cannot be read: {error}", place=dataset.name) from error

@@ -45,9 +45,8 @@ def corrections(group: h5py.Group, columns: Sequence[Column]) -> dict[str, AnyAr
     """The rows of a group of corrections; raises `SessionError` where one is not as written."""
     rows = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
     if row_crc32s(rows) != rows.get("crc32", np.empty(0)).tolist():
-        raise SessionError(
-            "corrections are damaged", place=group.name, fix="take another copy of the session"
-        )
+        fix = "take another copy of the session"
+        raise SessionError("corrections are damaged", place=group.name, fix=fix)
     return rows
 
 

@@ -220,11 +220,9 @@ def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iter
         if info.quantity == "illuminance":
             yield Source(info, 0, "illuminance", bounds)
         if info.name in settings.measures and info.unit != POWER.stored:
-            raise ConfigError(
-                f"the stream is in {info.unit}, not in W/m2",
-                place=f"irradiance.measures.{info.name}",
-                fix="name streams in W/m2 only; lux are converted by irradiance.model",
-            )
+            problem = f"the stream is in {info.unit}, not in W/m2"
+            fix = "name streams in W/m2 only; lux are converted by irradiance.model"
+            raise ConfigError(problem, place=f"irradiance.measures.{info.name}", fix=fix)
         for channel, component in enumerate(radiation_components(info, settings.measures)):
             if (component, info.quantity) == ("", "irradiance") and settings.irradiance.is_direct:
                 component = "dni"  # irradiance.model states it: pyrheliometer, or a file of direct light
@@ -247,24 +245,16 @@ def _probes(
             continue
         if info.quantity != "temperature":
             have = ", ".join(stream.name for stream in streams.values() if stream.quantity == "temperature")
-            raise ConfigError(
-                f"{name} measures {info.quantity}, so {probe} is not a contact thermometer",
-                place=f"region {region}",
-                fix=f"name a thermometer: {have or 'none'}",
-            )
+            problem = f"{name} measures {info.quantity}, so {probe} is not a contact thermometer"
+            raise ConfigError(problem, place=f"region {region}", fix=f"name a thermometer: {have or 'none'}")
         channel = info.channel(text)
         if channel is None:
-            raise ConfigError(
-                f"{name} has no channel {text!r}",
-                place=f"region {region}",
-                fix=f"correct probes; channels of {name}: {', '.join(info.channel_names)}",
-            )
+            fix = f"correct probes; channels of {name}: {', '.join(info.channel_names)}"
+            raise ConfigError(f"{name} has no channel {text!r}", place=f"region {region}", fix=fix)
         if air_quantities(info)[channel] == AIR_TEMPERATURE:
-            raise ConfigError(
-                f"{probe} is named as air temperature, so it is not in the bed",
-                place=f"region {region}",
-                fix="correct probes, or give the channel another name in the option labels",
-            )
+            problem = f"{probe} is named as air temperature, so it is not in the bed"
+            fix = "correct probes, or give the channel another name in the option labels"
+            raise ConfigError(problem, place=f"region {region}", fix=fix)
         yield Source(info, channel, "temperature", _bounds(info, settings))
 
 
@@ -304,11 +294,8 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
         _refuse(candidate, settings.irradiance)
     have = ", ".join(dict.fromkeys(source.info.name for source in sources if source.measures in SUNLIGHT))
     if settings.light_stream and have:  # without any light the frames alone may still be viewed
-        raise ConfigError(
-            f"{settings.light_stream!r} is not a stream of sunlight",
-            place="irradiance.stream",
-            fix=f"name a stream of sunlight: {have}",
-        )
+        problem = f"{settings.light_stream!r} is not a stream of sunlight"
+        raise ConfigError(problem, place="irradiance.stream", fix=f"name a stream of sunlight: {have}")
     return None
 
 
@@ -323,11 +310,9 @@ def _refuse(source: Source, model: IrradianceModel) -> None:
             "a pyrgeometer",
         )
     if source.measures in ("ghi", "gti"):
-        raise ConfigError(
-            f'"{model.kind}" takes direct light, but {name} measures {source.measures}',
-            place="irradiance.model",
-            fix=f'omit irradiance.model, or set irradiance.measures.{name} = "dni"',
-        )
+        problem = f'"{model.kind}" takes direct light, but {name} measures {source.measures}'
+        fix = f'omit irradiance.model, or set irradiance.measures.{name} = "dni"'
+        raise ConfigError(problem, place="irradiance.model", fix=fix)
 
 
 def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
@@ -355,9 +340,7 @@ def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
     Raises `ConfigError` if the model does not remove diffuse light.
     """
     if model.diffuse == "none":
-        raise ConfigError(
-            f'"none", but {what}, which contains the light of the sky',
-            place="irradiance.diffuse",
-            fix='set irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
-        )
+        problem = f'"none", but {what}, which contains the light of the sky'
+        fix = 'set irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube'
+        raise ConfigError(problem, place="irradiance.diffuse", fix=fix)
     return replace(model, kind="pyranometer")

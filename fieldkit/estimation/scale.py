@@ -55,11 +55,8 @@ def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> 
     }
     for bed in beds:
         if bed not in slopes:
-            raise ConfigError(
-                f"region {bed} has no known slope",
-                place=path,
-                fix=f"name a known one of {', '.join(slopes) or 'none'}; give tilt_deg",
-            )
+            fix = f"name a known one of {', '.join(slopes) or 'none'}; give tilt_deg"
+            raise ConfigError(f"region {bed} has no known slope", place=path, fix=fix)
     return {name: slope for name, slope in slopes.items() if not beds or name in beds}
 
 
@@ -121,10 +118,8 @@ def scale_from_known_bed(
     is_finite &= np.minimum(design @ bed, design @ reference) >= LOWEST_COS_INCIDENCE
     columns, measured = columns[:, is_finite], measured[is_finite]
     if float(columns[0] @ columns[0]) < LEAST_SIGNAL**2:
-        raise CalibrationError(
-            "the known bed is too close to the reference to determine the scale",
-            fix="use a bed of 10 to 25 degrees, or more minutes",
-        )
+        fix = "use a bed of 10 to 25 degrees, or more minutes"
+        raise CalibrationError("the known bed is too close to the reference to determine the scale", fix=fix)
     priors = np.diag([prior_sd**-2.0, *np.ones(len(columns) - 1)])
     expected = priors[0] * 1.0
     solution = np.linalg.solve(columns @ columns.T + priors, columns @ measured + expected)
@@ -156,9 +151,8 @@ def offsets_from_uniform(temperature_k: FloatArray, reference_k: FloatArray) -> 
     difference = temperature_k - reference_k[:, np.newaxis]
     count = np.isfinite(difference).sum(axis=0)
     if np.any(count < 3):
-        raise CalibrationError(
-            "fewer than three minutes of the uniform target", fix="record it for ten minutes"
-        )
+        fix = "record it for ten minutes"
+        raise CalibrationError("fewer than three minutes of the uniform target", fix=fix)
     mean = np.nanmean(difference, axis=0)
     away = difference - mean
     variance = np.nansum(away**2, axis=0) / (count - 1)
@@ -210,10 +204,8 @@ def identify(
     over_k = temperature_k - reference_k
     noise = np.sqrt(2.0) * noise_k
     if float(np.sqrt(np.mean(sunlight_w_m2**2))) < 3.0 * steepness * noise:
-        raise CalibrationError(
-            "the known beds differ too little from the reference to determine the exchange of heat",
-            fix="use steeper beds, or a longer time of sun",
-        )
+        problem = "the known beds differ too little from the reference to determine the exchange of heat"
+        raise CalibrationError(problem, fix="use steeper beds, or a longer time of sun")
 
     def residuals(parameters: FloatArray) -> FloatArray:
         scale, share = parameters

@@ -158,11 +158,9 @@ def _light_model(table: TemperatureTable, model: IrradianceModel) -> IrradianceM
     if table.ghi_w_m2 is not None:
         return pyranometer(replace(model, mounting="horizontal"), "ghi_w_m2 is global light")
     if model.is_direct:
-        raise ConfigError(
-            f'"{model.kind}" takes direct light, but the table has lux',
-            place="irradiance.model",
-            fix="omit irradiance.model, or give a column irradiance_w_m2 (direct normal)",
-        )
+        problem = f'"{model.kind}" takes direct light, but the table has lux'
+        fix = "omit irradiance.model, or give a column irradiance_w_m2 (direct normal)"
+        raise ConfigError(problem, place="irradiance.model", fix=fix)
     return model
 
 

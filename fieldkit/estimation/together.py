@@ -20,7 +20,7 @@ from fieldkit.estimation.chain import Estimated, SlopeChain
 from fieldkit.estimation.computed_reference import require_measured_reference
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.next_step import Argument
+from fieldkit.model.next_step import Argument, Text
 from fieldkit.model.site import Region, RegionKind, Site, apart_m
 from fieldkit.model.slope import ReferenceCheck
 
@@ -73,11 +73,8 @@ def slopes_together(parts: Sequence[Part]) -> Together:
         _require_later(before, after)
     last = parts[-1]
     if last.settings.model != "learned" and last.settings.reference == "region":
-        raise ConfigError(
-            "only the learned model estimates sessions together",
-            place=last.name,
-            fix='set estimator.model = "learned"',
-        )
+        fix = 'set estimator.model = "learned"'
+        raise ConfigError("only the learned model estimates sessions together", place=last.name, fix=fix)
     for part in parts[:-1]:
         _require_same_place(part, last)
         _require_same_settings(part, last)
@@ -97,11 +94,8 @@ def slopes_together(parts: Sequence[Part]) -> Together:
 def _require_later(before: Part, after: Part) -> None:
     end_ns, begin_ns = int(before.history.time_ns[-1]), int(after.history.time_ns[0])
     if begin_ns <= end_ns:
-        raise ConfigError(
-            f"begins at {_utc(begin_ns)}, before {before.name} ends at {_utc(end_ns)}",
-            place=after.name,
-            fix="omit one of them: each minute counts once",
-        )
+        problem = f"begins at {_utc(begin_ns)}, before {before.name} ends at {_utc(end_ns)}"
+        raise ConfigError(problem, place=after.name, fix="omit one of them: each minute counts once")
 
 
 def _utc(time_ns: int) -> str:
@@ -111,17 +105,13 @@ def _utc(time_ns: int) -> str:
 def _require_same_place(part: Part, other: Part) -> None:
     away_m = apart_m(part.site, other.site)
     if part.site.body != other.site.body or away_m > MOST_APART_M:
-        raise ConfigError(
-            f"{away_m:.0f} m from {other.name}; one place is within {MOST_APART_M:g} m",
-            place=part.name,
-            fix="estimate them one by one, or correct a wrong site.latitude_deg",
-        )
+        problem = f"{away_m:.0f} m from {other.name}; one place is within {MOST_APART_M:g} m"
+        fix: Text = "estimate them one by one, or correct a wrong site.latitude_deg"
+        raise ConfigError(problem, place=part.name, fix=fix)
     if (mine := _references(part)) != (others := _references(other)):
-        raise ConfigError(
-            f"other references: it has {_words(mine)}, {other.name} {_words(others)}",
-            place=part.name,
-            fix="state the same names, tilts and azimuths in the campaign, then " + Argument("present", True),
-        )
+        problem = f"other references: it has {_words(mine)}, {other.name} {_words(others)}"
+        fix = "state the same names, tilts and azimuths in the campaign, then " + Argument("present", True)
+        raise ConfigError(problem, place=part.name, fix=fix)
     kinds = {region.name: region for region in other.regions}
     for region in part.regions:
         same = kinds.get(region.name, region)
@@ -148,11 +138,8 @@ def _words(references: Mapping[str, tuple[float, float]]) -> str:
 
 def _require_same_settings(part: Part, other: Part) -> None:
     if names := list(_differing("estimator", part.settings, other.settings)):
-        raise ConfigError(
-            f"differs from {other.name} in {', '.join(names)}",
-            place=part.name,
-            fix="give both one value, or those of the campaign: " + Argument("present", True),
-        )
+        fix = "give both one value, or those of the campaign: " + Argument("present", True)
+        raise ConfigError(f"differs from {other.name} in {', '.join(names)}", place=part.name, fix=fix)
 
 
 def _differing(table: str, one: Any, other: Any) -> Iterator[str]:

@@ -19,7 +19,7 @@ from fieldkit.config.toml_schema import PoseTable
 from fieldkit.disk import replacing
 from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.ground.terrain_products import Layer
-from fieldkit.model.arrays import BoolArray, FloatArray, IndexArray, SingleArray
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_geometry import (
@@ -73,7 +73,12 @@ class GroundView:
 
     def on_cells(self, values: SingleArray) -> SingleArray:
         """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
-        row, col, is_visible = self._visible_cells()
+        rows, cols = self.ground.heights_m.shape
+        cell = self.ground.cell_m
+        east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
+        north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
+        points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
+        row, col, is_visible = project_to_frame(self.camera, points, self.distances_m, cell)
         return np.where(is_visible, values[row, col], np.float32(np.nan))
 
     def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
@@ -84,14 +89,6 @@ class GroundView:
         tilt_deg, azimuth_deg = self.on_cells(slopes.tilt_deg), self.on_cells(slopes.azimuth_deg)
         normals = normal(tilt_deg, azimuth_deg + self.grid.true_north_deg)
         return heights_from_normals(normals, self.ground.cell_m / self.grid.scale, self.ground.heights_m)
-
-    def _visible_cells(self) -> tuple[IndexArray, IndexArray, BoolArray]:
-        rows, cols = self.ground.heights_m.shape
-        cell = self.ground.cell_m
-        east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
-        north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
-        points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
-        return project_to_frame(self.camera, points, self.distances_m, cell)
 
 
 def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
@@ -108,11 +105,9 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
     camera = pose.camera(shape, grid)
     away = _distances_m(camera, table, dem)
     if not np.isfinite(away).any():
-        raise NoAnswerError(
-            f"no pixel meets it within {table.range_m:g} m of the camera",
-            place=pose.dem or f"level ground at {table.ground_m} m",
-            fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
-        )
+        problem = f"no pixel meets it within {table.range_m:g} m of the camera"
+        fix = "check position, pitch_deg and range_m of the pose, and the place of the DEM"
+        raise NoAnswerError(problem, place=pose.dem or f"level ground at {table.ground_m} m", fix=fix)
     points = ground_points(camera, away)
     return GroundView(camera, crs, _cells(points, table, dem, cell_m), dem, grid, away)
 
@@ -151,11 +146,8 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
         for coordinates, edge in ((east, west), (north, south))
     )
     if rows * cols > MOST_CELLS:
-        raise ConfigError(
-            f"makes {rows} x {cols} cells",
-            place=Argument("cell_m", cell_m),
-            fix="choose a larger " + Argument("cell_m"),
-        )
+        fix = "choose a larger " + Argument("cell_m")
+        raise ConfigError(f"makes {rows} x {cols} cells", place=Argument("cell_m", cell_m), fix=fix)
     top = south + rows * cell_m
     flat = np.full((rows, cols), np.nan if pose.ground_m is None else pose.ground_m)
     if dem is not None:

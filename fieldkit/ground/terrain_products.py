@@ -9,8 +9,9 @@ Definitions: `physics.terrain`; risk and uncertainty: `estimation.pixel_posterio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -53,17 +54,11 @@ class Products:
         if unknown := [name for name in self.names if name not in NAMES]:
             raise ConfigError("not a product", place=repr(unknown[0]), fix=f"choose from {', '.join(NAMES)}")
         if "ptilt" in self.names and not 0.0 < self.limit_deg < 90.0:
-            raise ConfigError(
-                "needs a tilt of 0 to 90 degrees that it is the risk of",
-                place="ptilt",
-                fix=Argument("limit_deg", 20),
-            )
+            problem = "needs a tilt of 0 to 90 degrees that it is the risk of"
+            raise ConfigError(problem, place="ptilt", fix=Argument("limit_deg", 20))
         if "rdir" in self.names and not math.isfinite(self.drive_deg):
-            raise ConfigError(
-                "needs the direction of the drive, from north, clockwise",
-                place="rdir",
-                fix=Argument("drive_deg", 90),
-            )
+            problem = "needs the direction of the drive, from north, clockwise"
+            raise ConfigError(problem, place="rdir", fix=Argument("drive_deg", 90))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +151,7 @@ def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
     yield from (kind for kind in kinds if kind.name in wanted.names)
     if "uvw" in wanted.names:
         for axis, (name, direction) in enumerate((("u", "east"), ("v", "north"), ("w", "up"))):
-            yield _Kind(name, f"component of the unit normal, {direction}", "1", _component(axis))
+            yield _Kind(name, f"component of the unit normal, {direction}", "1", itemgetter((..., axis)))
 
 
 def _quick_tilt(normals: SingleArray) -> SingleArray:
@@ -165,10 +160,6 @@ def _quick_tilt(normals: SingleArray) -> SingleArray:
 
 def _quick_azimuth(normals: SingleArray) -> SingleArray:
     return np.asarray(np.degrees(np.arctan2(normals[..., 0], normals[..., 1])))
-
-
-def _component(axis: int) -> Callable[[FloatArray], FloatArray]:
-    return lambda normals: normals[..., axis]
 
 
 def suns_of_day(site: Site, time_ns: int) -> FloatArray:
@@ -223,11 +214,8 @@ def _risk(likelihood: PixelPosterior, limit_deg: float) -> list[Layer]:
 def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParameter | None) -> Layer:
     """Thermal inertia of the regions, which share their material."""
     if inertia is None:
-        raise NoAnswerError(
-            "only the learned model finds a thermal inertia, and the map is of another",
-            place="inertia",
-            fix='set estimator.model = "learned", or omit inertia',
-        )
+        problem = "only the learned model finds a thermal inertia, and the map is of another"
+        raise NoAnswerError(problem, place="inertia", fix='set estimator.model = "learned", or omit inertia')
     rows, cols = slopes.state.shape
     inside = np.any([region.mask((rows, cols)) for region in regions], axis=0)
     inside &= np.isfinite(slopes.tilt_deg)

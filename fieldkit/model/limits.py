@@ -143,7 +143,14 @@ def bounds_of(
     `rows` replace rows of the table and of the stream (`changed_rows`), `stated` are components of radiation
     by stream, from the configuration.
     """
-    return bounds_by_name(_names(info, stated), {**info.limits, **rows})
+    row = quantity_of(info)
+    usual = row.key or row.name
+    names: tuple[str, ...] = (usual if info.quantity == "brightness_temperature" else "",)
+    if not info.is_camera:
+        measured = radiation_components(info, stated) or air_quantities(info)
+        channels = measured if len(measured) == info.shape[0] else measured * info.shape[0]
+        names = tuple(name or usual for name in channels)
+    return bounds_by_name(names, {**info.limits, **rows})
 
 
 def bounds_by_name(names: Sequence[str], rows: Mapping[str, Range]) -> Bounds:
@@ -154,13 +161,3 @@ def bounds_by_name(names: Sequence[str], rows: Mapping[str, Range]) -> Bounds:
     ]
     ends = [(limit.low, limit.high, *(limit.by_sun or (0.0, 0.0))) for limit in limits]
     return Bounds(*np.array(ends).T)
-
-
-def _names(info: StreamInfo, stated: Mapping[str, str]) -> tuple[str, ...]:
-    """Name in ``[limits]`` of each channel, "" where there is none."""
-    row = quantity_of(info)
-    usual = row.key or row.name
-    if info.is_camera:
-        return (usual if info.quantity == "brightness_temperature" else "",)
-    names = radiation_components(info, stated) or air_quantities(info)
-    return tuple(name or usual for name in (names if len(names) == info.shape[0] else names * info.shape[0]))

@@ -38,7 +38,8 @@ class RegionSchedule:
     def with_record(self, record: RegionRecord) -> RegionSchedule:
         """The schedule with a region added, redrawn or removed; the same one where nothing changes."""
         minute, region = -(-record.time_ns // MINUTE_NS), record.region
-        column = self._current(region.name)
+        drawn = {last.name: i for i, last in enumerate(self.columns) if self.until[i] == _NEVER}
+        column = drawn.get(region.name)
         if column is not None and not record.is_removed and _is_same_place(self.columns[column], region):
             # a slope measured afterwards is only compared with: learning goes on
             return replace(self, columns=_with(self.columns, column, region))
@@ -85,13 +86,6 @@ class RegionSchedule:
         for region, since, until in zip(self.columns, self.since, self.until, strict=True):
             if region.name == name:
                 yield region, since, until
-
-    def _current(self, name: str) -> int | None:
-        """The column of a region that has not ended."""
-        columns = (
-            i for i, region in enumerate(self.columns) if region.name == name and self.until[i] == _NEVER
-        )
-        return next(columns, None)
 
 
 Regions = Sequence[Region] | RegionSchedule

@@ -16,6 +16,7 @@ import subprocess
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
@@ -102,8 +103,9 @@ class AlarmOutputs:
     def failures(self, mono_ns: int, time_ns: int) -> Iterator[Event]:
         """An event for each output that has begun to fail since the last call."""
         for channel in self._channels:
-            if (text := channel.failure()) is not None:
-                text = f"alarms do not reach {channel.output.name}: {text}; recording goes on"
+            if channel.failures:
+                problem = channel.failures.popleft()
+                text = f"alarms do not reach {channel.output.name}: {problem}; recording goes on"
                 data = {"output": channel.output.name}
                 yield Event(EventKind.ALARM, mono_ns, time_ns, text, "", Severity.WARNING, data)
 
@@ -135,7 +137,8 @@ class _Channel:
     def __init__(self, output: AlarmOutput) -> None:
         self.output = output
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(QUEUE_SIZE)
-        self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.failures: deque[str] = deque()
+        """Failures that were not reported yet."""
         self._is_failing, self._is_over = False, threading.Event()
         self._hung: list[Future[None]] = []
         self._thread = threading.Thread(target=self._run, name=f"alarms to {output.name}", daemon=True)
@@ -148,12 +151,6 @@ class _Channel:
                 return self._queue.put_nowait(act)
             with suppress(queue.Empty):
                 self._queue.get_nowait()
-
-    def failure(self) -> str | None:
-        """The next failure that was not reported yet."""
-        with suppress(queue.Empty):
-            return self._failures.get_nowait()
-        return None
 
     def join(self, deadline: float) -> None:
         """Wait until everything is sent or the deadline (monotonic seconds) has passed."""
@@ -176,7 +173,7 @@ class _Channel:
         except BaseException as error:  # of a service's library, also SystemExit
             log.warning("alarms do not reach %s: %s", self.output.name, error)
             if not self._is_failing:
-                self._failures.put(str(error) or repr(error))
+                self.failures.append(str(error) or repr(error))
             self._is_failing = True
         else:
             self._is_failing = False

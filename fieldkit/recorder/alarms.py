@@ -139,7 +139,8 @@ class AlarmEngine:
         if isinstance(item, RegionRecord):
             return []
         if isinstance(item, Event):
-            return self._events(self._take(item))
+            self._wait(item.time_ns, item.stream, item)
+            return self._events(self._process(item.time_ns)) if item.kind is EventKind.STOP else []
         self._mono_minus_utc = item.mono_ns - item.time_ns
         if isinstance(item, Health):
             return self._events(self._tick(item))
@@ -153,11 +154,6 @@ class AlarmEngine:
         ]
 
     # --- samples, events and health, in order of time
-
-    def _take(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
-        self._wait(event.time_ns, event.stream, event)
-        if event.kind is EventKind.STOP:
-            yield from self._process(event.time_ns)
 
     def _wait(self, time_ns: int, stream: str, what: Event | Quality) -> None:
         self._number += 1

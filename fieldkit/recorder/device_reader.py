@@ -174,21 +174,18 @@ class DeviceReader:
 
     def _read_or_reconnect(self) -> None:
         try:
-            self._read()
+            if not self._has_begun:
+                self._begin()
+            device, every_s = self._device, self._sampling.every_s
+            # in this order: to check a protocol would take a tenth of a meter's time
+            if every_s is not None and self.info.is_camera and isinstance(device, Camera):
+                self._read_burst(device, round(every_s * SECOND_NS))
+            else:
+                self._read_one()
         except DeviceError as error:
             self._reconnect(error.message)
         except BaseException as error:  # a driver's mistake, or its SystemExit, costs a moment
             self._reconnect(f"unexpected error: {error!r}", Severity.ERROR)
-
-    def _read(self) -> None:
-        if not self._has_begun:
-            self._begin()
-        device, every_s = self._device, self._sampling.every_s
-        # in this order: to check a protocol would take a tenth of a meter's time
-        if every_s is not None and self.info.is_camera and isinstance(device, Camera):
-            self._read_burst(device, round(every_s * SECOND_NS))
-        else:
-            self._read_one()
 
     def _read_burst(self, camera: Camera, period_ns: int) -> None:
         late_ns = self._clock.mono_ns() - self._next_burst_ns

@@ -300,7 +300,6 @@ class HealthMonitor:
         streams = tuple(self._stream_health(reader) for reader in self.readers)
         lag_ms = max(self._late_max_us.values(), default=0) / 1000.0
         self._late_max_us.clear()
-        cpu = self._rates.cpu_percent()
         return Health(
             mono_ns=now,
             time_ns=utc,
@@ -308,19 +307,18 @@ class HealthMonitor:
             disk_free_bytes=free,
             written_bytes=self.writer.bytes_written,
             sync_ms=self.writer.sync_ms,
-            cpu_percent=cpu,
+            cpu_percent=self._rates.cpu_percent(),
             lag_ms=lag_ms,
         )
 
     def _stream_health(self, reader: DeviceReader) -> StreamHealth:
         name = reader.info.name
-        dropped, waiting = self.queue.dropped[name], self.queue.waiting(name)
         received, rejected, implausible = self._before[name]
         return StreamHealth(
             name,
             reader.received - received,
-            dropped,
-            waiting,
+            self.queue.dropped[name],
+            self.queue.waiting(name),
             self._late_max_us[name],
             reader.rejected - rejected,
             reader.implausible - implausible,

@@ -76,13 +76,26 @@ class HomeAssistant:
         elif isinstance(item, Frame):
             self._cameras.add(item.stream)
         elif isinstance(item, Minute):
-            values, images = [*self._readings(), *_regions(item)], self._images()
-            configs = dict([*map(self._sensor, values), *(self._image(topic) for topic in images)])
-            texts = {_topic(self.base, *value.words): _text(value.value) for value in values}
-            return Publication(configs, {**texts, **images})
+            return self._publication([*self._readings(), *_regions(item)])
         elif isinstance(item, Event) and phase_of(item) and alarm_of(item).severity >= self.least:
-            return Publication(dict([self._problem(alarm_of(item))]), {})
+            return Publication(self._problem(alarm_of(item)), {})
         return None
+
+    def _publication(self, values: Sequence[_Value]) -> Publication:
+        """Values, and the image of every camera that has sent a frame, each with its sensor."""
+        configs: dict[str, str] = {}
+        states: dict[str, str | Callable[[], bytes]] = {}
+        for value in values:
+            topic = _topic(self.base, *value.words)
+            states[topic] = f"{value.value:.7g}" if math.isfinite(value.value) else UNKNOWN
+            configs |= self._config("sensor", value.words, {"state_topic": topic, **value.kind})
+        for camera in sorted(self._cameras):
+            if self.draw is not None:
+                topic = _topic(self.base, "image", camera)
+                states[topic] = partial(self.draw, camera)
+                keys = {"image_topic": topic, "content_type": "image/png"}
+                configs |= self._config("image", ("image", camera), keys)
+        return Publication(configs, states)
 
     def _readings(self) -> Iterator[_Value]:
         """The channels of every meter as read last, kelvin as °C."""
@@ -95,25 +108,13 @@ class HomeAssistant:
                 words = ("stream", info.name, *([name] if len(info.channel_names) > 1 else []))
                 yield _value(words, quantity, value if is_usable(reading.quality) else math.nan)
 
-    def _images(self) -> dict[str, str | Callable[[], bytes]]:
-        """The image of every camera that has sent a frame, by its topic."""
-        draw, cameras = self.draw, sorted(self._cameras)
-        return {_topic(self.base, "image", name): partial(draw, name) for name in cameras} if draw else {}
-
-    def _image(self, topic: str) -> tuple[str, str]:
-        words = ("image", topic.rpartition("/")[2])
-        return self._config("image", words, {"image_topic": topic, "content_type": "image/png"})
-
-    def _sensor(self, one: _Value) -> tuple[str, str]:
-        return self._config("sensor", one.words, {"state_topic": _topic(self.base, *one.words), **one.kind})
-
-    def _problem(self, alarm: Alarm) -> tuple[str, str]:
+    def _problem(self, alarm: Alarm) -> dict[str, str]:
         topic = alarm_topic(self.base, alarm)
         words = ("alarm", *filter(None, (alarm.condition, alarm.subject)))
         keys = {"state_topic": topic, "json_attributes_topic": topic, "value_template": _IS_ON}
         return self._config("binary_sensor", words, {**keys, "device_class": "problem"})
 
-    def _config(self, component: str, words: Sequence[str], keys: dict[str, Any]) -> tuple[str, str]:
+    def _config(self, component: str, words: Sequence[str], keys: dict[str, Any]) -> dict[str, str]:
         """Topic and text of the document that describes a sensor."""
         node, name = _plain(self.base), _plain("_".join(words))
         document = {
@@ -124,7 +125,7 @@ class HomeAssistant:
                 "sw_version": f"fieldkit {__version__}",
             },
         }  # fmt: skip
-        return f"{PREFIX}/{component}/{node}/{name}/config", json.dumps(document)
+        return {f"{PREFIX}/{component}/{node}/{name}/config": json.dumps(document)}
 
 
 def _value(words: tuple[str, ...], quantity: Quantity, value: float) -> _Value:
@@ -150,7 +151,3 @@ def _topic(base: str, *words: str) -> str:
 def _plain(text: str) -> str:
     """A text of the letters that discovery allows in its topics."""
     return re.sub(r"[^a-zA-Z0-9_-]", "_", text)
-
-
-def _text(value: float) -> str:
-    return f"{value:.7g}" if math.isfinite(value) else UNKNOWN

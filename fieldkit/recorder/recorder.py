@@ -263,11 +263,9 @@ class Recorder:
         """
         self.writer.release_reserve()  # an event may need the space
         if not self.carry_out(self.last_requests()):
-            raise StorageError(
-                "the last marks could not be stored; they are kept beside it",
-                place=self.writer.path,
-                fix="free some space, then: " + Action.RECOVER(self.writer.path),
-            )
+            problem = "the last marks could not be stored; they are kept beside it"
+            fix = "free some space, then: " + Action.RECOVER(self.writer.path)
+            raise StorageError(problem, place=self.writer.path, fix=fix)
         now = self.clock.mono_ns()
         utc = self.writer.utc_ns(now)
         checks, events = self._health.inspect(now, utc, at_end=True)
@@ -442,7 +440,15 @@ class Recorder:
         except Exception as error:
             self._drop_estimator(error)
             return
-        self._keep_minute(minute)
+        self._last_minute = minute
+        record = MinuteRecord(
+            minute.time_ns, tuple(minute.estimates), minute.dni_w_m2, minute.irradiance_model, minute.flags,
+            minute.learnt,
+        )  # fmt: skip
+        self._store(lambda: self.writer.put(record))
+        for notice in minute.events:
+            self._keep_event(notice)
+        self._pass_on(minute)
 
     def _drop_estimator(self, error: Exception) -> None:
         log.error("estimator failed", exc_info=error)
@@ -453,17 +459,6 @@ class Recorder:
             self._estimating.close()
         self._estimating = None
         self._report(EventKind.ESTIMATOR, f"live estimates stopped: {why}", Severity.ERROR)
-
-    def _keep_minute(self, minute: Minute) -> None:
-        self._last_minute = minute
-        record = MinuteRecord(
-            minute.time_ns, tuple(minute.estimates), minute.dni_w_m2, minute.irradiance_model, minute.flags,
-            minute.learnt,
-        )  # fmt: skip
-        self._store(lambda: self.writer.put(record))
-        for notice in minute.events:
-            self._keep_event(notice)
-        self._pass_on(minute)
 
     def _pass_on(self, item: Shown) -> None:
         """Show an item that is stored, and store the alarms that follow from it."""

@@ -56,7 +56,9 @@ class SampleQueue:
             self._waiting[sample.stream] += 1
             self._unfinished += 1
         if lost:
-            self.put_event(_gap(sample, lost))
+            text = f"{sample.stream}: {lost} samples lost because the computer could not keep up"
+            stamps, data = (sample.mono_ns, sample.time_ns), {"lost": lost}
+            self.put_event(Event(EventKind.GAP, *stamps, text, sample.stream, Severity.WARNING, data))
             sample = sample._replace(quality=sample.quality | Quality.DROPPED_BEFORE)
         self._queue.put(sample)
         return True
@@ -103,15 +105,3 @@ class SampleQueue:
             return True
         with self._lock:
             return self._settled.wait_for(lambda: not self._unfinished, timeout_s)
-
-
-def _gap(sample: Sample, lost: int) -> Event:
-    return Event(
-        kind=EventKind.GAP,
-        mono_ns=sample.mono_ns,
-        time_ns=sample.time_ns,
-        stream=sample.stream,
-        severity=Severity.WARNING,
-        text=f"{sample.stream}: {lost} samples lost because the computer could not keep up",
-        data={"lost": lost},
-    )
