@@ -112,8 +112,7 @@ def _entries(session: SessionReader) -> list[Finding]:
 def _events(session: SessionReader) -> Iterator[Finding]:
     """Findings noticed while recording, one line for each kind of event and stream."""
     events = [event for event in session.events() if event.kind not in _QUIET]
-    counts = Counter((event.kind, event.stream) for event in events)
-    for (kind, stream), count in counts.items():
+    for (kind, stream), count in Counter((event.kind, event.stream) for event in events).items():
         these = [event for event in events if (event.kind, event.stream) == (kind, stream)]
         first = max(these, key=lambda event: event.severity)
         serious = first.severity >= Severity.WARNING

@@ -200,8 +200,7 @@ def _details_from(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {"unreadable": text}
     ends = details.get("end_ns", 0) if isinstance(details, dict) else None
-    is_time = isinstance(ends, int) and abs(ends) < 2**63
-    return details if is_time else {"unreadable": text}
+    return details if isinstance(ends, int) and abs(ends) < 2**63 else {"unreadable": text}
 
 
 def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:

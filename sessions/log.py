@@ -131,8 +131,7 @@ class LogWriter:
 
     def append(self, kind: Kind, stream: int, counts: Sequence[int], *payload: bytes | memoryview) -> None:
         """Write one record, its payload given in parts."""
-        parts = encode_record(self._session, kind, stream, counts, *payload)
-        self._patience(partial(self._write, parts))
+        self._patience(partial(self._write, encode_record(self._session, kind, stream, counts, *payload)))
 
     def _write(self, parts: list[bytes | memoryview]) -> None:
         whole = sum(map(len, parts))

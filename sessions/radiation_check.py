@@ -78,8 +78,7 @@ def _tests(
         if dni is not None:
             both = dhi + dni * sine
             lit, off = is_up & (both > LEAST_W_M2), np.where(is_high, *CLOSURE)
-            ratio = ghi / np.where(lit, both, 1.0)
-            yield "closure", "ghi", lit & (np.abs(ratio - 1.0) > off)
+            yield "closure", "ghi", lit & (np.abs(ghi / np.where(lit, both, 1.0) - 1.0) > off)
     longwave, air_k = means.get("longwave_down"), means.get(AIR_TEMPERATURE)
     if longwave is not None and air_k is not None:
         black = STEFAN_BOLTZMANN * air_k**4

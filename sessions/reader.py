@@ -304,8 +304,7 @@ class SessionReader:
 
         With `recorded` all marks as they were made, and the corrections of marks as events of their own.
         """
-        table = self.timed_table("events", recorded=True)
-        events = [*entry_rows.events_from(table), *self._later_events()]
+        events = [*entry_rows.events_from(self.timed_table("events", recorded=True)), *self._later_events()]
         if recorded:
             return events
         return [mapped_event(self.time_map(), event) for event in corrected_events(events)]
@@ -359,8 +358,7 @@ class SessionReader:
 
     def learnt(self, *, recorded: bool = False) -> dict[int, Learnt]:
         """Parameters learnt while recording, by the UTC nanoseconds of each minute that has it."""
-        table = self.timed_table("learnt", recorded=recorded)
-        return entry_rows.learnt_from(table, self.header.region_names)
+        return entry_rows.learnt_from(self.timed_table("learnt", recorded=recorded), self.header.region_names)
 
     def irradiance(self) -> dict[str, AnyArray]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
@@ -569,8 +567,7 @@ def _open_as(kind: type[S], path: Path) -> S:
     try:
         is_closed = is_clean(path)
     except SessionError as error:
-        waits = journal_path(path).exists() and not is_written
-        fix = Action.RECOVER(path) if waits else error.fix
+        fix = Action.RECOVER(path) if journal_path(path).exists() and not is_written else error.fix
         raise SessionError(error.problem, place=error.place, fix=fix) from error
     if is_closed:
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes

@@ -205,8 +205,7 @@ def _time_map(session: SessionReader) -> dict[str, AnyArray]:
 
 def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
     """Numbers cut where their keys change."""
-    borders = np.flatnonzero(np.diff(keys)) + 1
-    return [part for part in np.split(numbers, borders) if part.size]
+    return [part for part in np.split(numbers, np.flatnonzero(np.diff(keys)) + 1) if part.size]
 
 
 def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:

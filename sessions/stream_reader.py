@@ -120,8 +120,7 @@ class StreamReader:
         block = (chunk_shape(self.info)[0], *shape)
         if 2 * math.prod(block) > _most_bytes(dataset):
             raise SessionError(f"frames of {shape}, larger than any camera's", place=dataset.name)
-        chunks = dataset.chunks or (math.inf,)
-        if any(side > most for side, most in zip(chunks, block, strict=False)):
+        if any(side > most for side, most in zip(dataset.chunks or (math.inf,), block, strict=False)):
             raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
         return dataset
 
@@ -247,8 +246,7 @@ class StreamReader:
             if with_rows:
                 rows, also_bad = self._read(self.frame_datasets[1], start, stop)
                 bad |= also_bad
-            flags = self._flag(self.column("flags", start, stop), start, bad)
-            yield FrameBlock(start, counts, rows, flags)
+            yield FrameBlock(start, counts, rows, self._flag(self.column("flags", start, stop), start, bad))
 
     def _timed_parts(self, start: int, stop: int | None, recorded: bool) -> Iterator[_Part]:
         for part in self._parts(start, stop):

@@ -106,8 +106,7 @@ def _recorded_end(superblock: bytes) -> int:
     """Length of the file when its superblock was written; 0 where that cannot be trusted."""
     (end,) = struct.unpack_from("<Q", superblock, _END)
     (checksum,) = struct.unpack_from("<I", superblock, _CHECKSUM)
-    is_whole = lookup3(superblock[:_CHECKSUM]) == checksum
-    return int(end) if is_whole and end < _LONGEST else 0
+    return int(end) if lookup3(superblock[:_CHECKSUM]) == checksum and end < _LONGEST else 0
 
 
 def lookup3(data: bytes) -> int:

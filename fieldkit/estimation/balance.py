@@ -328,9 +328,8 @@ def _trend(values: FloatArray, first: int) -> FloatArray:
     trend = np.full_like(values, np.nan)
     parabolas = np.vander(np.linspace(-1.0, 1.0, len(values) - first), 3)
     window = values[first:]
-    is_known = np.isfinite(window)
     # columns with the same gaps, nearly always all of them, are fitted together
-    gaps, kind = np.unique(is_known, axis=1, return_inverse=True)
+    gaps, kind = np.unique(np.isfinite(window), axis=1, return_inverse=True)
     for place, known in enumerate(gaps.T):
         if known.any():
             columns = np.flatnonzero(kind.ravel() == place)

@@ -141,8 +141,7 @@ class Binner:
         """Once for each stream that is not used because what it measures is unknown, or that is not there."""
         for name in self._unreported:
             text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
-            unused = {"unused": name}
-            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING, unused)
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING, {"unused": name})
         self._unreported = ()
         for name in self._absent:
             absent = {"absent": name}

@@ -50,7 +50,7 @@ def carry_over(
         before = _priors(used)
         for parameter in learnt.parameters:
             name = parameter.name
-            if name in before and (added := _likelihood(before[name], _posterior(parameter))) is not None:
+            if name in before and (added := _likelihood(before[name], parameter)) is not None:
                 centre, weight = added.value, 1.0 / (added.log_sd**2 + DAY_TO_DAY[name] ** 2)
                 precision[name] += weight
                 weighted[name] += weight * centre
@@ -88,14 +88,10 @@ def _priors(settings: EstimatorSettings) -> dict[str, Carried]:
     }
 
 
-def _posterior(parameter: LearntParameter) -> Carried:
-    width = math.log(parameter.high / parameter.low)
-    return Carried(parameter.value, width / (2.0 * interval_sds(parameter.confidence)))
-
-
-def _likelihood(before: Carried, after: Carried) -> Carried | None:
+def _likelihood(before: Carried, after: LearntParameter) -> Carried | None:
     """Logarithm of the value, and its standard deviation, that a session's data alone would give."""
-    prior, posterior = before.log_sd**-2, after.log_sd**-2
+    log_sd = math.log(after.high / after.low) / (2.0 * interval_sds(after.confidence))
+    prior, posterior = before.log_sd**-2, log_sd**-2
     added = posterior - prior
     if added < LEAST_LEARNT * prior:
         return None

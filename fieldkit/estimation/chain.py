@@ -318,8 +318,7 @@ class _Group:
             not np.array_equal(shaded[self._first : self._taken], self._shade)
             or self._learner.logged_inputs != inputs.logged_inputs(history, self._first, *self._about)
         ):
-            taken = inputs.recorded_session(history, self._first, self._taken, *self._about)
-            self._learner.take_again(taken)
+            self._learner.take_again(inputs.recorded_session(history, self._first, self._taken, *self._about))
         while self._taken < settled(history):
             self._take_row(history, self._taken, shaded[self._taken])
             self._taken += 1
@@ -427,7 +426,7 @@ class _Group:
             chi_square=self._errors.chi_square(self._layout.region(target)),
             kelvin_per_degree=_kelvin_per_degree(learner, target, tilt, azimuth),
         )
-        if not self._has_seen_the_sun(learner, slope.best):
+        if not any(minute.sun[2] > 0.0 and minute.sun @ slope.best > GRAZING for minute in learner.minutes):
             reason = "the sun has not reached it: this follows from skylight alone"
             return replace(filled, state=SlopeState.SHADED, reason=reason)
         if why := self._contradiction(learner, index):
@@ -496,11 +495,6 @@ class _Group:
         if slope.away > filled.confidence:
             yield "no slope towards the known azimuth fits well"
 
-    @staticmethod
-    def _has_seen_the_sun(learner: Learner, best: FloatArray) -> bool:
-        """True if the sun stood before a surface with this normal in any minute."""
-        return any(minute.sun[2] > 0.0 and minute.sun @ best > GRAZING for minute in learner.minutes)
-
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         worst = self._misfit(index)
@@ -566,8 +560,7 @@ class _Group:
             holds = statement_sds(self._learner, reference) <= readout.SURPRISING_SDS
             tilt_deg, bounds = float(tilt_azimuth(slope.best)[0]), slope.region
             ends = min(bounds.tilt_low_deg, tilt_deg), max(bounds.tilt_high_deg, tilt_deg)
-            stated_deg = float(np.nan_to_num(stated.tilt_deg))
-            yield ReferenceCheck(stated.name, stated_deg, tilt_deg, *ends, holds)
+            yield ReferenceCheck(stated.name, float(np.nan_to_num(stated.tilt_deg)), tilt_deg, *ends, holds)
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""

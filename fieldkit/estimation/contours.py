@@ -25,8 +25,7 @@ AZIMUTH_STEP_DEG = 1.0
 def slope_grid(tilt_limit_deg: float = 30.0) -> FloatArray:
     """Normals (cells, 3) of the paper's grid: tilt 0 to the limit by 0.5, azimuth 0 to 359 by 1 degree."""
     tilts = np.arange(0.0, tilt_limit_deg + TILT_STEP_DEG / 2, TILT_STEP_DEG)
-    azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG)
-    return normal(tilts[:, np.newaxis], azimuths).reshape(-1, 3)
+    return normal(tilts[:, np.newaxis], np.arange(0.0, 360.0, AZIMUTH_STEP_DEG)).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +141,7 @@ class RadiationTable:
     ) -> tuple[IntArray, IntArray, FloatArray]:
         """Best score, ties and sum of the tied normals among the cells of the chosen contours."""
         slope, cell = self._candidates(low, high, chosen)
-        near = np.abs(self._by_cell[cell] - differences[slope]) <= tolerance
-        score = np.count_nonzero(near, axis=1)
+        score = np.count_nonzero(np.abs(self._by_cell[cell] - differences[slope]) <= tolerance, axis=1)
         best = np.zeros(len(differences), np.int64)
         np.maximum.at(best, slope, score)
         winners = (score == best[slope]) & (score > 0)

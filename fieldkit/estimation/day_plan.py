@@ -131,15 +131,9 @@ class DayPlan:
             return "poor: the horizon hides the sun"
         weak = self.weak[:, minute]
         if weak.any():
-            return f"weak for {self._facet_names(weak)}"
-        if elevation < LONG_SHADOWS_DEG:
-            return "fair: low sun, long shadows"
-        return "usable"
-
-    def _facet_names(self, chosen: BoolArray) -> str:
-        if chosen.all() and chosen.size > 1:
-            return "all"
-        return ", ".join(label(self.facets[facet]) for facet in np.flatnonzero(chosen))
+            facets = ", ".join(label(self.facets[facet]) for facet in np.flatnonzero(weak))
+            return f"weak for {'all' if weak.all() and weak.size > 1 else facets}"
+        return "fair: low sun, long shadows" if elevation < LONG_SHADOWS_DEG else "usable"
 
 
 def plan_day(

@@ -384,9 +384,8 @@ class Cusum:
             expected, leverage = _forecast(self._values, minute)
             if self._accumulate((value - expected) / np.sqrt(1.0 + leverage)):
                 jump = Jump(expected, value)
-        if jump is not None:
-            self._values.clear()
-            self._errors.clear()
+                self._values.clear()
+                self._errors.clear()
         self._values.append((minute, value))
         return jump
 

@@ -175,8 +175,8 @@ def profiled_gram(columns: Sequence[FloatArray], weights: FloatArray, systematic
     """Weighted products of columns, (..., k, k), with additive effects profiled out as above."""
     table = np.stack([*np.broadcast_arrays(*columns), *systematics], axis=-1)
     gram, count = np.swapaxes(table * weights[..., np.newaxis], -1, -2) @ table, len(columns)
-    priors = np.eye(len(systematics))  # every effect is in units of its own uncertainty
-    inner, outer = gram[..., count:, count:] + priors, gram[..., count:, :count]
+    # every effect is in units of its own uncertainty
+    inner, outer = gram[..., count:, count:] + np.eye(len(systematics)), gram[..., count:, :count]
     return np.asarray(gram[..., :count, :count] - gram[..., :count, count:] @ np.linalg.solve(inner, outer))
 
 
@@ -349,8 +349,7 @@ def project(
     highs[1] = centre + np.where(flat, 180.0, highs[1])
     bounds = np.stack([lows[0], highs[0], lows[1], highs[1]], axis=1)
     bounds[~np.logical_or.reduceat(allowed, starts)] = np.nan
-    rows = zip(*bounds.T.tolist(), flat.tolist(), strict=True)
-    return [LikelihoodRegion(*row) for row in rows]
+    return [LikelihoodRegion(*row) for row in zip(*bounds.T.tolist(), flat.tolist(), strict=True)]
 
 
 def regions_known_azimuth(

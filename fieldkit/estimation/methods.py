@@ -126,19 +126,14 @@ def _as_undecided(solution: Solution) -> Solution:
 
 
 def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
-    ratio = _noise_ratios(problem, fit)
+    residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
+    ratio = np.array([noise_ratio(row[used]) for row, used in zip(residuals, problem.is_used, strict=True)])
     if (ratio > 1.0).any():
         problem = replace(problem, weights=problem.weights / ratio[:, np.newaxis])
         fit = _least_squares(problem)
     if problem.settings.method == "unit-norm" or problem.azimuth_deg is not None:
         return _solutions(problem, fit, fit.best)
     return [_by_contours(problem.only(place)) for place in range(len(problem.indices))]
-
-
-def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
-    """`noise_ratio` of each target's residuals."""
-    residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
-    return np.array([noise_ratio(row[used]) for row, used in zip(residuals, problem.is_used, strict=True)])
 
 
 def _by_contours(problem: _Problem) -> Solution:
@@ -280,8 +275,7 @@ def _solutions(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solutio
     """States and regions of a method's best normals (m, 3)."""
     alarm = np.array([chi_square_limit(freedom) for freedom in problem.freedom.tolist()])
     chi_square = np.maximum(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
-    at_fit = problem.profile_misfit(fit.best)
-    is_bad = at_fit / problem.freedom > alarm
+    is_bad = problem.profile_misfit(fit.best) / problem.freedom > alarm
     # a misfit beyond noise inflates the variance, so that the regions are as wide as the residuals
     inflation = np.where(chi_square > alarm, chi_square, 1.0)
     widened = replace(problem, weights=problem.weights / inflation[:, np.newaxis])
@@ -350,8 +344,7 @@ def noise_ratio(residuals: ArrayLike) -> float:
     ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6`` of standardised residuals in order of time (n,); 1.0 with fewer
     than ten, and where it does not exceed 1 by more than chance explains (95 %).
     """
-    values = np.asarray(residuals, np.float64)
-    bends = np.diff(values, 2)
+    bends = np.diff(np.asarray(residuals, np.float64), 2)
     if bends.size < MIN_DIFFERENCES:
         return 1.0
     ratio = float(np.mean(bends**2)) / 6.0

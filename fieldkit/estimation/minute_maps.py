@@ -56,19 +56,14 @@ class MinuteMap:
             sums, settings = self._by_learned(over_k, self.learnt)
         else:
             sums = self._by_balance(over_k)
-        slopes = sums.solve(settings, self._explained_pixels)
+        explained = np.zeros(self.shape, np.bool_)
+        for region in self.regions:  # the references, and the targets that have a slope
+            if region.kind is RegionKind.REFERENCE or region.name in self.normals:
+                explained |= region.mask(self.shape)
+        slopes = sums.solve(settings, explained)
         likelihood = posterior(slopes, sums, reference, settings)
         along_sun = sums.along_sun(reference, settings) if self.chosen.size == 1 else None
         return *with_bounds(slopes, likelihood, settings), likelihood, along_sun
-
-    @property
-    def _explained_pixels(self) -> BoolArray:
-        """Pixels of the references, and of the targets that have a slope."""
-        explained = np.zeros(self.shape, np.bool_)
-        for region in self.regions:
-            if region.kind is RegionKind.REFERENCE or region.name in self.normals:
-                explained |= region.mask(self.shape)
-        return explained
 
     @property
     def _columns(self) -> RegionColumns:
@@ -155,5 +150,4 @@ class MinuteMap:
             self.shape, pixels.design, pixels.towards_sun, lambda piece: pixels.values(over_k[:, piece])
         )
         # offsets and drifts are in the rows, pixel by pixel
-        scale_sd = pixels.scale_sd
-        return sums, replace(settings, scale_sd=scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
+        return sums, replace(settings, scale_sd=pixels.scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0)

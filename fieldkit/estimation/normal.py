@@ -107,8 +107,7 @@ def solve(misfit: Misfit) -> Branches:
     # components first from here on, slopes last: transposed, for there is one axis of slopes at most
     beta = (b @ vectors if shared else _times(np.swapaxes(vectors, -1, -2), b)).T
     lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else values.T
-    starts = np.stack(_starts(lam, beta), axis=1)
-    polished = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
+    polished = _polish(lam[:, np.newaxis], beta[:, np.newaxis], np.stack(_starts(lam, beta), axis=1))
     both = polished[:, 0].T, polished[:, 1].T
     normals = np.stack([x @ vectors.T if shared else _times(vectors, x) for x in both])
     return _order(normals, np.stack([misfit(branch) for branch in normals]), is_known)
@@ -169,8 +168,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     a, d = a + shift, d + shift
     determinant = a * d - b * b
     s1, s2 = (b * g2 - d * g1) / determinant, (b * g1 - a * g2) / determinant
-    length = np.hypot(s1, s2)
-    shorten = np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
+    shorten = np.minimum(1.0, 0.3 / np.maximum(np.hypot(s1, s2), 1e-300))
     return np.asarray(shorten * (s1 * along + s2 * across))
 
 
@@ -228,8 +226,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
     penalised = np.where(allowed, misfits + prior_price(tilts), np.inf)
     swap = penalised[1] < penalised[0]
-    swapped = swap[..., np.newaxis]
-    best, other = np.where(swapped, normals[::-1], normals)
+    best, other = np.where(swap[..., np.newaxis], normals[::-1], normals)
     misfit_best, misfit_other = np.where(swap, misfits[::-1], misfits)
     is_single = branches.merged | ~allowed.all(axis=0)
     other = np.where(is_single[..., np.newaxis], np.nan, other)

@@ -209,8 +209,7 @@ def with_bounds(
     drop = misfit_drop(settings.confidence, 2)
     (low, high, left, right), touches = np.empty((4, tilt.size)), np.empty(tilt.size, np.bool_)
     for piece in pieces(tilt.size):
-        edge = _along_edge(at[piece], covariance[piece], axes, azimuth[piece], drop)
-        tilts, shifts, touches[piece] = edge
+        tilts, shifts, touches[piece] = _along_edge(at[piece], covariance[piece], axes, azimuth[piece], drop)
         low[piece], high[piece] = np.minimum(tilts.min(axis=1), tilt[piece]), tilts.max(axis=1)
         left[piece], right[piece] = np.minimum(shifts.min(axis=1), 0.0), np.maximum(shifts.max(axis=1), 0.0)
     is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance, drop) & ((at[:, 2] > 0.0) | touches)

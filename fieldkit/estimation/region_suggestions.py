@@ -57,9 +57,9 @@ class FoundBed:
     spread_k: float
 
     @property
-    def is_distinct(self) -> bool:
-        """Whether it differs clearly from its surroundings on every side."""
-        return self.contrast_k >= max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * self.spread_k)
+    def least_contrast_k(self) -> float:
+        """By so much it would differ clearly from its surroundings."""
+        return max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * self.spread_k)
 
 
 def find_beds(frame: FloatArray, noise_k: float = math.nan) -> list[FoundBed]:
@@ -175,7 +175,7 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     covered, separate = np.zeros(shape, np.bool_), []
     for bed in sorted(beds, key=lambda bed: -bed.pixels):
         inside = _region(bed.points_px).mask((shape[0], shape[1]))
-        if bed.is_distinct and not (inside & covered).any():
+        if bed.contrast_k >= bed.least_contrast_k and not (inside & covered).any():
             covered |= inside
             separate.append(bed)
     return separate
@@ -204,5 +204,4 @@ def _missing(candidates: list[FoundBed], checks: list[RegionInspection]) -> str:
         largest = max(checks, key=lambda check: check.pixels)
         return Words("error.largest_area", pixels=largest.pixels, why=largest.issues)
     best = max(candidates, key=lambda bed: bed.contrast_k)
-    needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
-    return Words("error.indistinct", kelvin=f"{best.contrast_k:.1f}", needed=f"{needed:.1f}")
+    return Words("error.indistinct", kelvin=f"{best.contrast_k:.1f}", needed=f"{best.least_contrast_k:.1f}")

@@ -196,8 +196,7 @@ def identify(
     `prior` are the expected alpha and beta, `prior_share_sd` is the standard uncertainty of the expected
     radiative share of D. Raises `CalibrationError` if the differences of sunlight do not exceed the noise.
     """
-    middle = float(np.mean(reference_k))
-    cube = 4.0 * middle**3
+    cube = 4.0 * float(np.mean(reference_k)) ** 3
     steepness = cube * prior[0] + prior[1]
     expected_share = cube * prior[0] / steepness
     emitted = (temperature_k**4 - reference_k**4) / cube

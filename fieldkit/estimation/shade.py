@@ -265,8 +265,7 @@ class ShadeMarks:
                 tests.append(_until(column, begun.pop(column), event.time_ns))
             if event.data.get("phase") == "begin":
                 begun[column] = event
-        now_ns = (minute + 1) * MINUTE_NS
-        return [*tests, *(_until(column, begin, now_ns) for column, begin in begun.items())]
+        return [*tests, *(_until(column, begin, (minute + 1) * MINUTE_NS) for column, begin in begun.items())]
 
     def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
         """Columns whose test was marked as begun in the minute before."""

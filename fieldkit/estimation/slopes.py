@@ -251,8 +251,7 @@ class Window:
             for estimate in estimates
         ):
             return estimates
-        limit = self.settings.tilt_limit_deg
-        drifts = drifts_k(self.rows, self._weights, minute[self.first :], limit)
+        drifts = drifts_k(self.rows, self._weights, minute[self.first :], self.settings.tilt_limit_deg)
         return [_with_drift(slope, float(kelvin)) for slope, kelvin in zip(estimates, drifts, strict=True)]
 
     @cached_property
@@ -281,8 +280,7 @@ class Window:
 
     @cached_property
     def _high_sun(self) -> BoolArray:
-        low = np.sin(np.radians(self.settings.low_sun_deg))
-        return np.asarray(self.past.sun[self.first :, 2] >= low)
+        return np.asarray(self.past.sun[self.first :, 2] >= np.sin(np.radians(self.settings.low_sun_deg)))
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -314,7 +312,9 @@ class Window:
         ):
             if not is_known:
                 return SlopeState.NO_DATA, f"{what} in the window"
-        needed = max(self._fewest(column), self.settings.min_minutes)
+        # one minute bin more than unknown angles, so that a misfit can show
+        fewest = 3 if math.isnan(self._known_azimuth(column)) else 2
+        needed = max(fewest, self.settings.min_minutes)
         if n_bins < needed:
             return SlopeState.TOO_FEW, f"{n_bins} of {needed} minutes so far"
         if self._is_shaded[-1, index]:
@@ -330,10 +330,6 @@ class Window:
     def _is_shaded(self) -> BoolArray:
         """Minutes (n, targets) in which a target or a reference is shaded alone."""
         return shaded_rows(self.past, self.columns, self.columns.targets)
-
-    def _fewest(self, column: np.int64) -> int:
-        """One minute bin more than unknown angles, so that a misfit can show."""
-        return 3 if math.isnan(self._known_azimuth(column)) else 2
 
     def _known_azimuth(self, column: np.int64) -> float:
         """Azimuth of a region where it is known, in degrees [0, 360), else NaN."""

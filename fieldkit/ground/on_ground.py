@@ -108,8 +108,7 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
         problem = f"no pixel meets it within {table.range_m:g} m of the camera"
         fix = "check position, pitch_deg and range_m of the pose, and the place of the DEM"
         raise NoAnswerError(problem, place=pose.dem or f"level ground at {table.ground_m} m", fix=fix)
-    points = ground_points(camera, away)
-    return GroundView(camera, crs, _cells(points, table, dem, cell_m), dem, grid, away)
+    return GroundView(camera, crs, _cells(ground_points(camera, away), table, dem, cell_m), dem, grid, away)
 
 
 def on_frame(

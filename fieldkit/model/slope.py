@@ -63,8 +63,7 @@ def half_width_deg(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike)
     A region that begins at 0 was cut there: its upper part stands for the lower one where it is longer.
     """
     half = 0.5 * np.subtract(high_deg, low_deg)
-    above = np.subtract(high_deg, tilt_deg)
-    return np.where(np.equal(low_deg, 0.0), np.maximum(half, above), half)
+    return np.where(np.equal(low_deg, 0.0), np.maximum(half, np.subtract(high_deg, tilt_deg)), half)
 
 
 @dataclass(frozen=True, slots=True)

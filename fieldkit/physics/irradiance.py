@@ -156,8 +156,7 @@ def direct_normal(
     if model.is_direct:
         return np.where(rays[:, 2] > 0.0, reading, np.nan)
     per_beam, per_sky = shares_on_plane(model, rays)
-    top = daylight.extraterrestrial(time_ns)
-    beam = _beam(model, reading, per_beam, per_sky, rays[:, 2], top)
+    beam = _beam(model, reading, per_beam, per_sky, rays[:, 2], daylight.extraterrestrial(time_ns))
     if model.kind != "pyranometer":
         return beam
     sky = np.asarray(dhi_w_m2, np.float64)
@@ -211,8 +210,7 @@ def _beam(
     efficacy = np.full(reading.shape, model.efficacy_lm_w)
     beam = np.full(reading.shape, np.nan)
     share_by_clearness = DIFFUSE_MODELS[model.diffuse].by_clearness
-    rounds = 40 if share_by_clearness or model.kind == "perez" else 1
-    for _ in range(rounds):
+    for _ in range(40 if share_by_clearness or model.kind == "perez" else 1):
         sky_per_beam = share / (1.0 - share) * cos_zenith
         beam = _on_plane(model, reading, efficacy) / (per_beam + sky_per_beam * per_sky)
         if share_by_clearness:

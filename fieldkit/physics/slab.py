@@ -164,8 +164,7 @@ def surface_series(
     steps = np.broadcast_to(step_s, len(absorbed_w_m2) - 1).tolist()
     matrices = {step: SlabStep.of([stack], step) for step in set(steps)}
     supply = (absorbed_w_m2 + exchange_w_m2_k * air_temperature_k)[1:].tolist()
-    nodes = 1 + sum(slab.layers for slab in stack)
-    layers, surface = np.full(nodes, start_k), [float(start_k)]
+    layers, surface = np.full(1 + sum(slab.layers for slab in stack), start_k), [float(start_k)]
     for step, supplied, exchange in zip(steps, supply, exchange_w_m2_k[1:].tolist(), strict=True):
         response = matrices[step].response[0]
         coasting = matrices[step].coasting[0] @ layers

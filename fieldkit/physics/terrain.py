@@ -86,8 +86,7 @@ def heights_from_normals(
     ends, steps = _steps(rise)
     number = normals[..., 0].size
     differences = _differences(ends, number)
-    about = np.broadcast_to(about_m, rise.shape[1:]).ravel()
-    heights = _least_squares(differences, steps, about)
+    heights = _least_squares(differences, steps, np.broadcast_to(about_m, rise.shape[1:]).ravel())
     off = differences @ heights - steps
     count = np.bincount(ends.ravel(), minlength=number)
     with np.errstate(invalid="ignore"):

@@ -237,9 +237,7 @@ def output_at(address: str, line: int) -> AlarmOutput:
     Raises `ConfigError`, which does not quote the address: it holds a token.
     """
     try:
-        if re.match("mqtts?://", address):
-            return MqttOutput(address)
-        return ServiceOutput(address, line)
+        return MqttOutput(address) if re.match("mqtts?://", address) else ServiceOutput(address, line)
     except ImportError as error:
         fix = f"{install_extra('alarms')}, or remove alarms.services_file"
         raise ConfigError(f"needs {error.name}", place="alarms.services_file", fix=fix) from error

@@ -241,8 +241,7 @@ class AlarmEngine:
         """Invalid records within the last minute, from the counts of each second."""
         counts = self._garbled.setdefault(stream, deque(maxlen=61))
         counts.append(rejected)
-        new = rejected - counts[0]
-        is_on = new >= self._settings.garbled_per_min
+        is_on = rejected - counts[0] >= self._settings.garbled_per_min
         if is_on or (Condition.GARBLED, stream) in self._watches:
             text = f"{stream} sends garbled records: {self._settings.garbled_per_min} or more in a minute"
             yield from self._observe(Condition.GARBLED, stream, is_on, time_ns, text)
@@ -261,8 +260,7 @@ class AlarmEngine:
         if end_ns > self._latest_ns:  # cut short by the end of the recording
             return
         for state in self._minutes.update(minute):
-            watch = self._watch(state.condition, state.subject)
-            yield from watch.observe(state.is_on, end_ns, state.text)
+            yield from self._watch(state.condition, state.subject).observe(state.is_on, end_ns, state.text)
 
     def _observe(
         self, condition: Condition, subject: str, is_on: bool, time_ns: int, text: str = ""
@@ -275,8 +273,7 @@ class AlarmEngine:
         if key not in self._watches:
             rule = self._settings.rules[condition]
             if condition is Condition.SILENT:
-                interval_s = self._settings.intervals_s.get(subject, 0.0)
-                rule = replace(rule, hold_s=rule.hold_s + interval_s)
+                rule = replace(rule, hold_s=rule.hold_s + self._settings.intervals_s.get(subject, 0.0))
             self._watches[key] = _Watch(condition, subject, rule)
         return self._watches[key]
 
@@ -329,8 +326,7 @@ class _MinuteConditions:
                 yield _Found(Condition.CLOUD, "", begins, "the light is unsteady: clouds")
             for name, condition in _OF_REGIONS.items():
                 if name in event.data:
-                    is_on = begins and not has_moved
-                    yield _Found(condition, str(event.data[name]), is_on, event.text)
+                    yield _Found(condition, str(event.data[name]), begins and not has_moved, event.text)
 
     def _temperatures(self, minute: Minute) -> Iterator[_Found]:
         at = minute.time_ns // MINUTE_NS

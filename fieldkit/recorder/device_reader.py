@@ -346,8 +346,7 @@ class DeviceReader:
 
     def _close_in_time(self, device: Device) -> None:
         """Close in a thread, which is left behind if the driver hangs: it is opened again all the same."""
-        closing = daemon.start(device.close, f"close-{self.info.name}")
-        if not wait([closing], CLOSED_WITHIN_S).done:
+        if not wait([daemon.start(device.close, f"close-{self.info.name}")], CLOSED_WITHIN_S).done:
             self._report(EventKind.LOST, "its driver does not come back from closing it", Severity.ERROR)
 
     def _report(

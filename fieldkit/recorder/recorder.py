@@ -314,9 +314,8 @@ class Recorder:
 
     def _keep_sample(self, sample: Sample) -> None:
         self._health.sample_arrived(sample)
-        now = self.clock.mono_ns()
         if isinstance(sample, Frame) and (
-            self._storage.skips_frame(now) or not self._health.disk.stores_frames
+            self._storage.skips_frame(self.clock.mono_ns()) or not self._health.disk.stores_frames
         ):
             return
         # what was read around the start of a session may have been stamped by the anchor of another
