@@ -129,7 +129,13 @@ def propose_time_map(session: SessionReader) -> list[TimeStep]:
     """
     checks = session.clock_checks()
     best = _best(checks, session.anchor_ns)
-    steps = _asleep(checks)
+    steps, slept = [], 0
+    for before, after in pairwise(checks):
+        more = after.suspended_ns - before.suspended_ns
+        if more > STEP_NS:  # sleep stops the monotonic clock: what came after it needs the time slept
+            slept += more
+            reason = f"the computer slept {rounded_duration(more / 1e9)}"
+            steps.append(TimeStep(before.mono_ns, slept, reason))
     if best is None or abs(add := int(awake_offsets_ns(checks)[best]) - session.anchor_ns) < TOLERANCE_NS:
         return steps
     whole = TimeStep(0, add, f"clock comparison, source {checks[best].source}")
@@ -142,18 +148,6 @@ def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
     if trusted:
         return min(trusted, key=lambda place: checks[place].error_ns)
     return len(checks) - 1 if stepped_ns(checks, anchor_ns).size else None
-
-
-def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
-    """Sleep stops the monotonic clock: what came after it needs the time slept."""
-    steps, slept = [], 0
-    for before, after in pairwise(checks):
-        more = after.suspended_ns - before.suspended_ns
-        if more > STEP_NS:
-            slept += more
-            reason = f"the computer slept {rounded_duration(more / 1e9)}"
-            steps.append(TimeStep(before.mono_ns, slept, reason))
-    return steps
 
 
 def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:

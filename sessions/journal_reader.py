@@ -30,7 +30,7 @@ from fieldkit.sessions.records import Entry, SampleRow, decode_entry
 _PLACE = np.dtype([("seq", "<i8"), ("kind", "<i8"), ("log", "<i8"), ("at", "<i8")])
 
 
-class JournalReader:
+class JournalReader(contextlib.AbstractContextManager["JournalReader"]):
     """The records of one session in the folder of a journal; a context manager.
 
     The session is that of `identity`, of which there may be nothing; or else the one that most of the files
@@ -55,9 +55,6 @@ class JournalReader:
         self._in_file = identity
         self._logs.sort(key=lambda log: (log.part, log.is_copy))
         self._entries = len(self.identity.header.streams)
-
-    def __enter__(self) -> JournalReader:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
@@ -37,7 +37,7 @@ _UNREADABLE = (SessionError, OSError, RuntimeError, ValueError, KeyError)
 _CUT_IMPORT = "it was being imported, and the rest of its source is missing: delete it and import it again"
 
 
-class Salvage:
+class Salvage(AbstractContextManager["Salvage"]):
     """Both sides of an interrupted session, opened for reading; a context manager.
 
     Raises `SessionError` where neither the file nor the journal can be read.
@@ -57,9 +57,6 @@ class Salvage:
         self.statistics: dict[str, RecoveryStatistics] = {
             info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams
         }
-
-    def __enter__(self) -> Salvage:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()

@@ -137,13 +137,20 @@ def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
 
 
 def _by_contours(problem: _Problem) -> Solution:
-    """One target by the paper's contours."""
-    best, score = _best_by_contours(problem)
+    """One target by the paper's contours: a score of cosines, with a tolerance of its own for every bin."""
+    settings, used, reference = problem.settings, problem.is_used[0], problem.rows.reference
+    design = problem.design[used]
+    table = RadiationTable(slope_grid(settings.tilt_limit_deg), design, reference)
+    tolerance = 2.0 * problem.rows.sigma[used, problem.indices[0]]
+    if settings.contour_tolerance_w_m2 is not None:
+        tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
+    difference = problem.y[0, used] - design @ reference
+    winners = table.winner(difference, tolerance, settings.contour_threshold)
     fit = _least_squares(problem)
-    if best is None:
-        nowhere = _nowhere(problem, fit, 0, f"no slope lies on enough contours: {score}")
-        return replace(nowhere, explained=False)
-    return _solutions(problem, fit, best[np.newaxis])[0]
+    if np.isnan(winners.normals).any():
+        reason = f"no slope lies on enough contours: at most {winners.best[0]} of {used.sum()} minutes agree"
+        return replace(_nowhere(problem, fit, 0, reason), explained=False)
+    return _solutions(problem, fit, winners.normals)[0]
 
 
 @dataclass(frozen=True)
@@ -246,24 +253,6 @@ def _least_squares(problem: _Problem) -> Choice:
     if problem.azimuth_deg is not None:
         return choose_along(misfit, problem.azimuth_deg, limit, problem.drop)
     return choose(misfit, solve(misfit), limit, at_limit=bool(problem.rows.light.size))
-
-
-def _best_by_contours(problem: _Problem) -> tuple[FloatArray | None, str]:
-    """Contour scoring of the cosine of incidence, with a tolerance of its own for every minute bin.
-
-    None with the score in words where no normal lies on enough contours.
-    """
-    settings, used, reference = problem.settings, problem.is_used[0], problem.rows.reference
-    design = problem.design[used]
-    table = RadiationTable(slope_grid(settings.tilt_limit_deg), design, reference)
-    tolerance = 2.0 * problem.rows.sigma[used, problem.indices[0]]
-    if settings.contour_tolerance_w_m2 is not None:
-        tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
-    difference = problem.y[0, used] - design @ reference
-    winners = table.winner(difference, tolerance, settings.contour_threshold)
-    if np.isnan(winners.normals).any():
-        return None, f"at most {winners.best[0]} of {used.sum()} minutes agree"
-    return winners.normals[0], ""
 
 
 def _nowhere(problem: _Problem, fit: Choice, place: int, reason: str) -> Solution:

@@ -104,7 +104,12 @@ class PixelPosterior:
             up = normals[..., 2]
             steep = (weights * (up < np.cos(np.radians(limit_deg)))).sum(axis=0)
             steeper[pixels] = np.minimum(steep, 1.0)  # their sum rounds to more
-            worst[pixels] = _tail_mean_deg(up, weights)
+            # the mean tilt of the weight `TAIL` with the least upward components
+            order = np.argsort(up, axis=0)
+            tilt = np.degrees(np.arccos(np.clip(np.take_along_axis(up, order, 0), -1.0, 1.0)))
+            weight = np.take_along_axis(weights, order, 0)
+            tail = np.clip(TAIL - (np.cumsum(weight, axis=0) - weight), 0.0, weight)
+            worst[pixels] = (tail * tilt).sum(axis=0) / tail.sum(axis=0)
         return self._on_map(steeper), self._on_map(worst)
 
     def _on_map(self, values: SingleArray) -> SingleArray:
@@ -125,12 +130,3 @@ def _prior(normals: SingleArray, limit_deg: float) -> SingleArray:
     up = normals[..., 2]
     sine = np.sqrt(np.maximum(1.0 - up * up, LEAST_SINE**2))
     return np.asarray(np.where(up < np.cos(np.radians(limit_deg)), 1e-6, 1.0) / sine, np.float32)
-
-
-def _tail_mean_deg(up: SingleArray, weights: SingleArray) -> FloatArray:
-    """Mean tilt of the weight `TAIL` with the least upward components, by column."""
-    order = np.argsort(up, axis=0)
-    tilt = np.degrees(np.arccos(np.clip(np.take_along_axis(up, order, 0), -1.0, 1.0)))
-    weight = np.take_along_axis(weights, order, 0)
-    tail = np.clip(TAIL - (np.cumsum(weight, axis=0) - weight), 0.0, weight)
-    return np.asarray((tail * tilt).sum(axis=0) / tail.sum(axis=0))

@@ -106,9 +106,10 @@ def _quadrilaterals(image: SingleArray) -> Iterator[FloatArray]:
     low, high = np.maximum(np.percentile(gradient, (20.0, 98.0)), (1e-3, 2e-3))
     for level in np.geomspace(low, high, _LEVELS):
         for area in _areas(gradient < level):
-            corners = _corners(area)
-            if corners is not None and _is_filled(corners, area):
-                yield corners
+            if (corners := _corners(area)) is not None:
+                inside = _region(corners).mask(area.shape)
+                if (inside & area).sum() >= _FILLED * (inside | area).sum():
+                    yield corners
 
 
 def _areas(even: BoolArray) -> Iterator[BoolArray]:
@@ -131,11 +132,6 @@ def _corners(area: BoolArray) -> FloatArray | None:
         if len(corners) <= 4:
             return corners.astype(np.float64) if len(corners) == 4 else None
     return None
-
-
-def _is_filled(corners: FloatArray, area: BoolArray) -> bool:
-    inside = _region(corners).mask(area.shape)
-    return bool((inside & area).sum() >= _FILLED * (inside | area).sum())
 
 
 def _measure(corners: FloatArray, image: SingleArray, enlarged: int) -> FoundBed | None:

@@ -167,7 +167,11 @@ class Window:
         self.columns = columns
         self.settings = settings
         self.past: History = history.until(last)
-        self.first: int = _first(self.past, settings, minutes)
+        if settings.fixed_window_s is not None:
+            minutes = settings.fixed_window_s / 60.0
+        self.first: int = 0
+        if minutes is not None and len(self.past):
+            self.first = int(np.searchsorted(self.past.minute, self.past.minute[-1] - minutes))
         self.rows: Rows | None = None
         if last and columns.references.size and columns.targets.size:
             corrected = remove_offsets(self.past, columns.regions, settings)
@@ -350,15 +354,6 @@ def blank_estimate(
         return replace(blank, reason="no minutes yet")
     time_ns, start_ns = int(history.time_ns[-1]), int(history.time_ns[first])
     return replace(blank, time_ns=time_ns, window_start_ns=start_ns, flags=history.last_flags(int(column)))
-
-
-def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:
-    """Index of the first minute bin of the window that ends with the last one; 0 if unbounded."""
-    if settings.fixed_window_s is not None:
-        minutes = settings.fixed_window_s / 60.0
-    if minutes is None or not len(past):
-        return 0
-    return int(np.searchsorted(past.minute, past.minute[-1] - minutes))
 
 
 def label_of(settings: EstimatorSettings) -> str:

@@ -109,7 +109,13 @@ def layers(
     """
     layers = _of_normals(slopes, likelihood, list(_kinds(wanted, suns_of_day(site, time_ns))))
     if "ptilt" in wanted.names:
-        layers += _risk(likelihood, wanted.limit_deg)
+        # they have no uncertainty, for they state one
+        steeper, worst = likelihood.risk(wanted.limit_deg)
+        name = f"probability of a tilt of more than {wanted.limit_deg:g} degrees"
+        layers.append(Layer("ptilt", name, "1", steeper))
+        layers.append(
+            Layer("cvar", f"mean of the steepest {TAIL:.0%} of the tilts that fit", "degree", worst)
+        )
     if "inertia" in wanted.names:
         layers.append(_inertia(slopes, regions, inertia))
     return layers
@@ -200,15 +206,6 @@ def _of_normals(slopes: SlopeMap, likelihood: PixelPosterior, kinds: Sequence[_K
         )
         for kind in kinds
     ]  # fmt: skip
-
-
-def _risk(likelihood: PixelPosterior, limit_deg: float) -> list[Layer]:
-    """Layers of the probability of steeper ground; it has no uncertainty, for it states one."""
-    steeper, worst = likelihood.risk(limit_deg)
-    return [
-        Layer("ptilt", f"probability of a tilt of more than {limit_deg:g} degrees", "1", steeper),
-        Layer("cvar", f"mean of the steepest {TAIL:.0%} of the tilts that fit", "degree", worst),
-    ]
 
 
 def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParameter | None) -> Layer:
