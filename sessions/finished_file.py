@@ -110,8 +110,7 @@ def awake_offsets_ns(checks: Sequence[ClockCheck]) -> IntArray:
     """UTC minus monotonic time of each comparison, without what sleep since the first has added to it."""
     offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
     suspended = np.array([check.suspended_ns for check in checks], np.int64)
-    slept: IntArray = suspended - suspended[:1]
-    return offsets - slept
+    return np.asarray(offsets - (suspended - suspended[:1]))
 
 
 def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> IntArray:

@@ -88,8 +88,7 @@ def mapped_ns(steps: Sequence[TimeStep], mono_ns: IntArray, time_ns: IntArray) -
     """Times corrected by a map, steps in order of `mono_ns`."""
     begins = np.array([step.mono_ns for step in steps], np.int64)
     add = np.array([0, *(step.add_ns for step in steps)], np.int64)
-    corrected: IntArray = time_ns + add[np.searchsorted(begins, mono_ns, side="right")]
-    return corrected
+    return np.asarray(time_ns + add[np.searchsorted(begins, mono_ns, side="right")])
 
 
 class StoredTimes:

@@ -304,11 +304,10 @@ def light_uncertainties(history: History, settings: EstimatorSettings) -> FloatA
 def light_sds(history: History, settings: EstimatorSettings) -> tuple[float, float, float, float]:
     """Standard uncertainties of `LIGHT`: the sky's by the prior and its distance from the configured one."""
     prior = settings.prior
-    is_measured = bool(np.isfinite(history.dhi_w_m2).any())
     return (
         math.hypot(prior.circumsolar_sd, settings.circumsolar_share - prior.circumsolar_share),
         math.hypot(prior.brightening_sd, prior.brightening_share),
-        prior.diffuse_sd if is_measured else prior.diffuse_unmeasured_sd,
+        prior.diffuse_sd if bool(np.isfinite(history.dhi_w_m2).any()) else prior.diffuse_unmeasured_sd,
         GROUND_ALBEDO_SD,
     )
 

@@ -171,9 +171,8 @@ class RowBudget:
         layer = {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
         # one minute alone shows nothing of the stored heat
         stores_heat = is_full and len(self.history) > 1
-        neglected = 0.0 if is_full else PAPER_SCALE_SD
         return {
-            "gain": math.hypot(settings.scale_sd, settings.factor_sd, neglected),
+            "gain": math.hypot(settings.scale_sd, settings.factor_sd, 0.0 if is_full else PAPER_SCALE_SD),
             **dict(light),
             "offset": settings.offset_sd_k,
             "drift": settings.drift_sd_k_per_h,

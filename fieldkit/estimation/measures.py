@@ -43,7 +43,6 @@ class Measure(NamedTuple):
 def measures(settings: EstimatorSettings, logged: Logged, targets: Mapping[int, str]) -> list[Measure]:
     """Measures that these settings and instruments do not have yet; names of targets by their place."""
     prior = settings.prior
-    offsets = {f"offset{target}": OFFSET_SD_K for target in targets}
     by_instrument = (
         (not logged.air, "an air temperature logged in the shade", {"air": AIR_LOGGED_SD_K}),
         (not logged.diffuse, "diffuse irradiance measured", {"diffuse": prior.diffuse_sd}),
@@ -60,7 +59,7 @@ def measures(settings: EstimatorSettings, logged: Logged, targets: Mapping[int, 
         (
             settings.offset_sd_k > OFFSET_SD_K,
             f"calibrated offsets, estimator.offset_sd_k = {OFFSET_SD_K:g}",
-            offsets,
+            {f"offset{target}": OFFSET_SD_K for target in targets},
         ),
         (True, "a shade test of each bed", SHADE_TEST),
     )

@@ -85,10 +85,9 @@ def _slopes(
     if last < len(history):
         return _held_clouded(history, columns, last, settings)
     window = Window(history, last, columns, settings)
-    estimates = window.flag_drift(window.estimates(range(columns.targets.size)))
     return tuple(
         _held_shaded(history, columns, index, settings) if estimate.flags & Quality.SHADED else estimate
-        for index, estimate in enumerate(estimates)
+        for index, estimate in enumerate(window.flag_drift(window.estimates(range(columns.targets.size))))
     )
 
 
@@ -203,10 +202,9 @@ class Window:
 
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target with a slope, by its name."""
-        estimates = self.estimates(range(self.columns.targets.size))
         return {
             slope.region: self._budget(self.rows, index, normal(slope.tilt_deg, slope.azimuth_deg)).terms()
-            for index, slope in enumerate(estimates)
+            for index, slope in enumerate(self.estimates(range(self.columns.targets.size)))
             if self.rows is not None and math.isfinite(slope.tilt_deg)
         }
 
@@ -308,17 +306,15 @@ class Window:
             elevation = math.degrees(math.asin(self.past.sun[-1, 2]))
             reason = f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°"
             return SlopeState.LOW_SUN, reason
-        has_light = np.isfinite(self.past.dni_w_m2[self.first :]).any()
         for what, is_known in (
             ("no temperatures of this region", self._has_temperature[column]),
             ("no temperatures of the reference", self._has_temperature[self.columns.references].any()),
-            ("no irradiance", has_light),
+            ("no irradiance", np.isfinite(self.past.dni_w_m2[self.first :]).any()),
         ):
             if not is_known:
                 return SlopeState.NO_DATA, f"{what} in the window"
         # one minute bin more than unknown angles, so that a misfit can show
-        fewest = 3 if math.isnan(self._known_azimuth(column)) else 2
-        needed = max(fewest, self.settings.min_minutes)
+        needed = max(3 if math.isnan(self._known_azimuth(column)) else 2, self.settings.min_minutes)
         if n_bins < needed:
             return SlopeState.TOO_FEW, f"{n_bins} of {needed} minutes so far"
         if self._is_shaded[-1, index]:

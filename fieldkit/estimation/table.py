@@ -140,13 +140,12 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     means = group_means(values, start)
     counts = np.diff(np.append(start, rows))
     middle = np.add.reduceat(time_ns - minutes[0] * MINUTE_NS, start) // counts + minutes[0] * MINUTE_NS
-    merged = np.bitwise_or.reduceat(flags, start)
     return History(
         minute=minutes,
         time_ns=middle,
         sun=sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
         temperature_k=means[:, len(logged) :],
-        flags=merged,
+        flags=np.bitwise_or.reduceat(flags, start),
         **dict(zip(logged, means.T, strict=False)),
     )
 

@@ -61,8 +61,7 @@ def angle_between_deg(a: ArrayLike, b: ArrayLike) -> FloatArray:
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     apart = np.linalg.norm(a - b, axis=-1)
     together = np.linalg.norm(a + b, axis=-1)
-    angle: FloatArray = np.degrees(2.0 * np.arctan2(apart, together))
-    return angle
+    return np.asarray(np.degrees(2.0 * np.arctan2(apart, together)))
 
 
 def incidence_deg(normals: ArrayLike, sun: ArrayLike) -> FloatArray:

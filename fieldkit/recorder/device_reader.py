@@ -9,7 +9,7 @@ not come back from a read is reported by the recorder's thread, and the end of t
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import wait
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -151,9 +151,8 @@ class DeviceReader:
                 while self._is_active():
                     self._read_or_reconnect()
             except BaseException as error:  # becomes an event, so that the other devices continue
-                self._report(
-                    EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
-                )
+                text = f"reading stopped by an unexpected error: {error!r}"
+                self._report(EventKind.LOST, text, Severity.ERROR)
             finally:
                 self._answer_shutter_requests()
                 self._close()
@@ -252,8 +251,7 @@ class DeviceReader:
             if isinstance(self._device, Camera) and self._is_active():
                 can = self._device.run_shutter()
             text = "shutter correction started" if can else "this camera cannot run its shutter now"
-            severity = Severity.INFO if can else Severity.WARNING
-            self._report(EventKind.SHUTTER, text, severity, {"request": request})
+            self._report(EventKind.SHUTTER, text, Severity.INFO if can else Severity.WARNING, request=request)
 
     def _report_indicators(self, sample: Sample) -> None:
         """Report a change of the meter's indicators (hold, low battery ...), at most once a minute."""
@@ -263,7 +261,7 @@ class DeviceReader:
         self._indicators, self._indicators_until_ns = indicators, sample.mono_ns + INDICATORS_EVERY_NS
         severity = Severity.INFO if is_usable(sample.quality) else Severity.WARNING
         text = ", ".join(indicators).replace("_", " ") or "–"
-        self._report(EventKind.MODE, f"the meter shows: {text}", severity, {"shows": text})
+        self._report(EventKind.MODE, f"the meter shows: {text}", severity, shows=text)
 
     def _across_openings(self, sample: Sample) -> Sample:
         """Add the flags that a reopened device cannot set: it has no earlier samples to compare with."""
@@ -308,7 +306,7 @@ class DeviceReader:
                 changed = _changes(self.info, device.info)
                 text = "; ".join([f"back after {precise_duration(gap_s)}", *changed])
                 severity = Severity.WARNING if changed else Severity.INFO
-                self._report(EventKind.BACK, text, severity, {"gap_s": gap_s})
+                self._report(EventKind.BACK, text, severity, gap_s=gap_s)
                 self._flag_another_scale(device.info)
                 return
 
@@ -349,17 +347,11 @@ class DeviceReader:
         if not wait([daemon.start(device.close, f"close-{self.info.name}")], CLOSED_WITHIN_S).done:
             self._report(EventKind.LOST, "its driver does not come back from closing it", Severity.ERROR)
 
-    def _report(
-        self,
-        kind: EventKind,
-        text: str,
-        severity: Severity = Severity.INFO,
-        data: Mapping[str, float | str] | None = None,
-    ) -> None:
+    def _report(self, kind: EventKind, text: str, severity: Severity, **data: float | str) -> None:
         now = self._clock.mono_ns()
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
-        self._queue_of(now).put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+        self._queue_of(now).put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data))
 
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:

@@ -6,13 +6,12 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
 from itertools import chain
-from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -161,7 +160,7 @@ class Recorder:
     def record(self) -> bool:
         """Record until the end, or until the next session begins; whether it does."""
         with self._abandoning_on_failure():
-            self._report(EventKind.START, self._start_text, data={"session": self.writer.path.stem})
+            self._report(EventKind.START, self._start_text, session=self.writer.path.stem)
             self._keep_present_alarms()
             self._start_readers()
             self._keep_earlier()
@@ -178,7 +177,7 @@ class Recorder:
             self._finish_estimates()
             data = {"next_session": next_session} if self._is_split else {}
             text = Words("event.stop.next_session", **data) if data else Words("event.stop")
-            self._report(EventKind.STOP, text, data=data)
+            self._report(EventKind.STOP, text, Severity.INFO, **data)
             seal = self.writer.close()
         self._close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
@@ -216,9 +215,8 @@ class Recorder:
     # --- reading threads
 
     def _reader(self, device: Device) -> DeviceReader:
-        name = device.info.name
         return DeviceReader(
-            device, lambda: self.reopen(name), self._queue, self.clock, self.sampling, self.end_ns
+            device, lambda: self.reopen(device.info.name), self._queue, self.clock, self.sampling, self.end_ns
         )
 
     def _start_readers(self) -> None:
@@ -274,7 +272,7 @@ class Recorder:
             self._keep_event(event)
         if self._failure is not None:
             text = f"the recording ended early: {self._failure.message}"
-            self._report(EventKind.DISK, text, Severity.ERROR, {"ended": "early"})
+            self._report(EventKind.DISK, text, Severity.ERROR, ended="early")
 
     # --- items: the session first
 
@@ -292,7 +290,7 @@ class Recorder:
         was_before = self.clock.mono_ns() - self.since_ns > SECOND_NS  # and not while readers went over
         if was_before and (count := self._counts.total()):
             text = f"{counted(count, 'sample')} of the preview before included"
-            self._report(EventKind.START, text, data={"samples": count})
+            self._report(EventKind.START, text, samples=count)
 
     def _take(self, item: Item | None) -> None:
         if item is not None:
@@ -362,17 +360,13 @@ class Recorder:
             reader.run_shutter(request)
         if not cameras:
             text = "no shutter correction: no camera is being read"
-            self._report(EventKind.SHUTTER, text, Severity.WARNING, {"request": request})
+            self._report(EventKind.SHUTTER, text, Severity.WARNING, request=request)
 
     def _report(
-        self,
-        kind: EventKind,
-        text: str,
-        severity: Severity = Severity.INFO,
-        data: Mapping[str, int | str] = MappingProxyType({}),
+        self, kind: EventKind, text: str, severity: Severity = Severity.INFO, **data: int | str
     ) -> None:
         now = self.clock.mono_ns()
-        self._keep_event(Event(kind, now, self.writer.utc_ns(now), text, "", severity, dict(data)))
+        self._keep_event(Event(kind, now, self.writer.utc_ns(now), text, "", severity, data))
 
     def _store(self, write: Callable[[], None]) -> bool:
         """Write; a failure pauses frames, and a second one during the pause ends the recording."""
