@@ -251,8 +251,7 @@ def read_station_file(path: Path) -> Weather:
 
 def _surfrad_site(path: Path, content: bytes) -> Site:
     """The station, by the position in the second line; the sign of its longitude is unreliable."""
-    place = _SURFRAD_PLACE.match(content)
-    if place is None:
+    if (place := _SURFRAD_PLACE.match(content)) is None:
         fix = "give a file as the network names it, like slv16001.dat or tat0624.dat.gz"
         raise ConfigError("not a SURFRAD daily file, nor one of BSRN", place=path, fix=fix)
     latitude, longitude = float(place[1]), float(place[2])

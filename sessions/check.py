@@ -338,8 +338,7 @@ def sun_findings(session: SessionReader) -> Iterator[Finding]:
     time_ns, lux = means_by_minute(replace(reader.readings(recorded=True), time_ns=reader.time_ns()))
     if not (lux > _LIT_LX).any():
         return
-    shift = best_shift_min(time_ns, lux, session.site)
-    if shift is None:
+    if (shift := best_shift_min(time_ns, lux, session.site)) is None:
         yield _ok("sun", "too little light or time to compare the clock with the sun")
     elif shift == 0:
         which = "corrected" if session.time_map() else "recorded"

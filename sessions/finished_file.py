@@ -143,8 +143,7 @@ def propose_time_map(session: SessionReader) -> list[TimeStep]:
 
 def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
     """Index of the comparison that gives how far the recorded times are off."""
-    trusted = [place for place, check in enumerate(checks) if check.source in _TRUSTED]
-    if trusted:
+    if trusted := [place for place, check in enumerate(checks) if check.source in _TRUSTED]:
         return min(trusted, key=lambda place: checks[place].error_ns)
     return len(checks) - 1 if stepped_ns(checks, anchor_ns).size else None
 

@@ -189,8 +189,7 @@ class JournalReader(contextlib.AbstractContextManager["JournalReader"]):
                 latest = seq
 
     def _payload(self, log: LogReader, head: Head) -> bytes | None:
-        payload = log.payload(head)
-        if payload is None:
+        if (payload := log.payload(head)) is None:
             self._unreadable.append(f"{log.name}: the record at byte {head.at} is damaged")
         return payload
 

@@ -43,8 +43,7 @@ def radiation_findings(session: SessionReader) -> Iterator[Finding]:
     if body_of(session.site) is not EARTH:
         return
     minute, means = _means(session)
-    names = [name for name in means if name != AIR_TEMPERATURE]
-    if not names:
+    if not (names := [name for name in means if name != AIR_TEMPERATURE]):
         return
     time_ns = minute * MINUTE_NS + MINUTE_NS // 2
     failed = False

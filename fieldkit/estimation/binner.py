@@ -84,8 +84,7 @@ class Binner:
         if start < self._closed_ns:
             self._late += 1
             return closed
-        minute = self._open.get(start)
-        if minute is None:
+        if (minute := self._open.get(start)) is None:
             number = start // MINUTE_NS
             columns = self.schedule.at(number)
             minute = self._open[start] = OpenBin(number, columns, self._cameras_of(tuple(columns.tolist())))

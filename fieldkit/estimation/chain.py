@@ -342,8 +342,7 @@ class _Group:
         for first, end in pairwise([*starts, len(history)]):
             session = history.at(slice(first, end))
             session = session.until(settled(session))
-            row = inputs.first_row(session, self._layout)
-            if row is None:
+            if (row := inputs.first_row(session, self._layout)) is None:
                 continue
             if not sessions:
                 self._first = first + row
@@ -564,8 +563,7 @@ class _Group:
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""
-        learner = self._learner
-        if learner is None:
+        if (learner := self._learner) is None:
             return None
         names = [self._columns.regions[column].name for column in self._layout.columns]
         return Learnt(

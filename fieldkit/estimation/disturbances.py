@@ -132,8 +132,7 @@ class DisturbanceMonitor:
 
     def _clouds(self, light: MinuteIrradiance, settings: EstimatorSettings) -> None:
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
-            change = self._light.update(reading.time_ns, clearness)
-            if change is None:
+            if (change := self._light.update(reading.time_ns, clearness)) is None:
                 continue
             phase, why = change
             if phase == "end":
@@ -144,8 +143,7 @@ class DisturbanceMonitor:
             self._events.append(Event(EventKind.CLOUD, *at_ns, text, reading.stream, severity, data))
 
     def _jumps(self, entry: MinuteBin, reference_k: float) -> None:
-        jump = self._reference.update(entry.minute, reference_k)
-        if jump is None:
+        if (jump := self._reference.update(entry.minute, reference_k)) is None:
             return
         off_k, is_clouded = jump.found - jump.expected, bool(entry.flags & Quality.CLOUD)
         why = ", and so does the light" if is_clouded else " in steady light: wind, shade or a drift"

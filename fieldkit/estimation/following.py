@@ -154,8 +154,7 @@ class RegionFollower:
         drawn = [int(column) for column in columns]
         if not self._drawn.keys() & drawn:
             self._frames, self._drawn = FrameFollower(), {}
-        now = self._frames.update(counts)
-        if now is None:
+        if (now := self._frames.update(counts)) is None:
             return None
         off = np.array([now - self._first_place(column, now) for column in drawn])
         self.shift_px = float(np.hypot(*off[0]))

@@ -74,8 +74,7 @@ class Source:
 
         `sine` is of the sun's elevation, (k,) at each reading or one for all.
         """
-        readings = minute.sorted_readings(self.info.name)
-        if not readings:
+        if not (readings := minute.sorted_readings(self.info.name)):
             return np.empty(0)
         table = np.array([reading.values for reading in readings], np.float64)
         flags = np.array([int(reading.quality) for reading in readings], np.int64)
@@ -247,8 +246,7 @@ def _probes(
             have = ", ".join(stream.name for stream in streams.values() if stream.quantity == "temperature")
             problem = f"{name} measures {info.quantity}, so {probe} is not a contact thermometer"
             raise ConfigError(problem, place=f"region {region}", fix=f"name a thermometer: {have or 'none'}")
-        channel = info.channel(text)
-        if channel is None:
+        if (channel := info.channel(text)) is None:
             fix = f"correct probes; channels of {name}: {', '.join(info.channel_names)}"
             raise ConfigError(f"{name} has no channel {text!r}", place=f"region {region}", fix=fix)
         if air_quantities(info)[channel] == AIR_TEMPERATURE:
@@ -287,8 +285,7 @@ def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[
 
 def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
     """As `_light`; raises `ConfigError` if a complete configuration would give sunlight."""
-    light = _light(sources, settings)
-    if light is not None:
+    if (light := _light(sources, settings)) is not None:
         return light
     for candidate in _candidates(sources, settings):
         _refuse(candidate, settings.irradiance)

@@ -167,8 +167,7 @@ def alarm_of(event: Event) -> Alarm:
 
 def present_after(present: tuple[Alarm, ...], event: Event) -> tuple[Alarm, ...]:
     """The alarms present after an event, oldest first."""
-    phase = phase_of(event)
-    if phase is None:
+    if (phase := phase_of(event)) is None:
         return present
     alarm = alarm_of(event)
     if phase is Phase.ACKNOWLEDGED:

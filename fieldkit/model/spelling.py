@@ -18,7 +18,6 @@ def nearest(name: str, names: Iterable[str]) -> str | None:
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """``did you mean camera?``, or else the names there are."""
     listed = list(names)
-    near = nearest(name, listed)
-    if near:
+    if near := nearest(name, listed):
         return Words("fix.near", name=near)
     return Words("fix.names", names=", ".join(listed[:50])) if listed else Words("fix.none")

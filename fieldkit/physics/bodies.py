@@ -141,8 +141,7 @@ BODIES = {body.name: body for body in (EARTH, MARS, MOON)}
 
 def body_of(site: Site) -> Body:
     """The body of a site; raises `ConfigError` where fieldkit has no model of it."""
-    body = BODIES.get(site.body)
-    if body is None:
+    if (body := BODIES.get(site.body)) is None:
         fix = did_you_mean(site.body, BODIES)
         raise ConfigError(f"no model of the sun and the ground of {site.body!r}", place="site.body", fix=fix)
     return body

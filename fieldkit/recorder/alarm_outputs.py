@@ -258,8 +258,7 @@ class ServiceOutput(AlarmOutput):
 
         for logger in ("apprise", "urllib3"):  # both write addresses into the log
             logging.getLogger(logger).setLevel(logging.CRITICAL + 1)
-        service = Apprise.instantiate(address)
-        if service is None:
+        if (service := Apprise.instantiate(address)) is None:
             raise ValueError
         self._service, self.name = service, f"{service.service_name} (line {line} of alarms.services_file)"
 

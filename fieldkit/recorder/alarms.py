@@ -226,8 +226,7 @@ class AlarmEngine:
             yield from self._acknowledge(str(event.data["acknowledge"]), at)
 
     def _disk(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
-        phase = event.data.get("phase")
-        if phase is not None:
+        if (phase := event.data.get("phase")) is not None:
             yield from self._observe(Condition.DISK, "", phase == "begin", event.time_ns, event.text)
         elif event.severity is not Severity.INFO and not self._watch(Condition.DISK, "").is_on:
             yield from self._pulse(Condition.DISK, event)

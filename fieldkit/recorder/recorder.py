@@ -380,8 +380,7 @@ class Recorder:
         return True
 
     def _check_health(self) -> None:
-        snapshot = self._health.update()
-        if snapshot is None:
+        if (snapshot := self._health.update()) is None:
             return
         self._store(lambda: self.writer.put(snapshot.health))
         self._keep_checks(snapshot.clock_checks)
