@@ -71,9 +71,6 @@ class _Part:
     columns: Columns
     frames: list[CountArray]
 
-    def __len__(self) -> int:
-        return len(self.columns["seq"])
-
 
 class StreamReader:
     """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
@@ -230,7 +227,7 @@ class StreamReader:
         """The frames of a camera as arrays, a chunk at a time."""
         for part in self._parts(start, stop):
             counts, *more = part.frames
-            rows = more[0] if more else np.empty((len(part), *self.info.metadata_shape), np.uint16)
+            rows = more[0] if more else np.empty((len(counts), *self.info.metadata_shape), np.uint16)
             yield FrameBlock(part.start, counts, rows, part.columns["flags"])
 
     def crops(self, box: tuple[slice, slice], step: int, *, with_rows: bool) -> Iterator[FrameBlock]:

@@ -202,7 +202,7 @@ class DisturbanceMonitor:
             self._report(text, Severity.WARNING, shaded=name, phase=phase)
         for test in ended:
             name = self._name(test.column)
-            lasted = f"shade test of {name}, {test.minutes:.0f} min"
+            lasted = f"shade test of {name}, {(test.end_ns - test.begin_ns) / MINUTE_NS:.0f} min"
             self._report(lasted, shade_test=name, begin_ns=test.begin_ns, end_ns=test.end_ns)
 
     def _report_uncooled(self, minute: int, marked: list[ShadeTest]) -> None:

@@ -55,11 +55,6 @@ class ShadeTest:
     begin_ns: int
     end_ns: int
 
-    @property
-    def minutes(self) -> float:
-        """Its length in minutes."""
-        return (self.end_ns - self.begin_ns) / MINUTE_NS
-
 
 @dataclass(slots=True)
 class _Shade:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.durations import rounded_duration
-from fieldkit.model.errors import StorageError, message_of
+from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.phrases import Words, counted
@@ -82,26 +82,6 @@ class GarbleMonitor:
         text = f"{stream}: {counted(new, 'garbled record')} dropped"
         text += f"; the last one: {why}" if why else ""
         yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
-
-
-@dataclass
-class MisfitMonitor:
-    """Reports the first of a run of samples that do not match their stream's declaration."""
-
-    _streams: set[str] = field(default_factory=set)
-
-    def note_stored(self, stream: str) -> None:
-        """Note a stored sample: the next misfit begins another run."""
-        self._streams.discard(stream)
-
-    def note_rejected(self, sample: Sample, error: ValueError) -> Iterator[Event]:
-        """An event if the stream's previous sample was stored."""
-        if sample.stream not in self._streams:
-            self._streams.add(sample.stream)
-            text = f"not stored: {message_of(error)}"
-            yield Event(
-                EventKind.GARBLED, sample.mono_ns, sample.time_ns, text, sample.stream, Severity.WARNING
-            )
 
 
 @dataclass

@@ -32,7 +32,6 @@ from fieldkit.recorder.health import (
     EstimatorMonitor,
     FlagMonitor,
     HealthMonitor,
-    MisfitMonitor,
     StorageMonitor,
 )
 from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
@@ -133,7 +132,9 @@ class Recorder:
         )
         self._shown = list(self.views)
         self._estimating: EstimatorThread | None = EstimatorThread(self.estimator, self._queue)
-        self._flags, self._misfits, self._late = FlagMonitor(), MisfitMonitor(), EstimatorMonitor()
+        self._flags, self._late = FlagMonitor(), EstimatorMonitor()
+        self._misfits: set[str] = set()
+        """Streams whose last sample did not match their declaration."""
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
         self._storage = StorageMonitor()
@@ -323,10 +324,12 @@ class Recorder:
             if not self._store(lambda: self.writer.append(sample)):
                 return
         except ValueError as error:  # a driver's mistake costs this sample, not the recording
-            for event in self._misfits.note_rejected(sample, error):
-                self._keep_event(event)
+            if sample.stream not in self._misfits:  # of a run of them the first is reported
+                self._misfits.add(sample.stream)
+                at, text = (sample.mono_ns, time_ns), f"not stored: {message_of(error)}"
+                self._keep_event(Event(EventKind.GARBLED, *at, text, sample.stream, Severity.WARNING))
             return
-        self._misfits.note_stored(sample.stream)
+        self._misfits.discard(sample.stream)
         self._counts[sample.stream] += 1
         for event in self._flags.update(sample):
             self._keep_event(event)
