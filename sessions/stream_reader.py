@@ -63,13 +63,11 @@ class FrameBlock:
     flags: FlagArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """Consecutive rows of all that a stream stores, the flags verified; of a camera within one chunk."""
+_Part = tuple[int, Columns, list[CountArray]]
+"""Consecutive rows of all that a stream stores, from a first one on: columns, the flags verified, and frames.
 
-    start: int
-    columns: Columns
-    frames: list[CountArray]
+Those of a camera lie within one chunk.
+"""
 
 
 class StreamReader:
@@ -182,9 +180,9 @@ class StreamReader:
 
     def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
-        for part in self._timed_parts(start, stop, recorded):
-            bodies = _bodies(part.columns, part.frames)
-            for stamps, (data, more) in zip(from_columns(part.columns), bodies, strict=True):
+        for _, columns, frames in self._timed_parts(start, stop, recorded):
+            bodies = _bodies(columns, frames)
+            for stamps, (data, more) in zip(from_columns(columns), bodies, strict=True):
                 yield build_sample(self.info, stamps, data.tobytes(), more.tobytes())
 
     def frame(self, row: int) -> Frame:
@@ -195,7 +193,7 @@ class StreamReader:
 
     def flags(self, start: int = 0, stop: int | None = None) -> FlagArray:
         """`Quality` of the samples (n,), each compared with its checksum, which reads all that it holds."""
-        parts = (part.columns["flags"] for part in self._timed_parts(start, stop, recorded=False))
+        parts = (columns["flags"] for _, columns, _ in self._timed_parts(start, stop, recorded=False))
         return np.concatenate([np.empty(0, np.uint32), *parts])
 
     def readings(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Readings:
@@ -205,7 +203,7 @@ class StreamReader:
         """
         if self.info.is_camera:
             raise SessionError("is a camera", place=self.info.name, fix="read its frames: kelvin()")
-        parts = [part.columns for part in self._timed_parts(start, stop, recorded)]
+        parts = [columns for _, columns, _ in self._timed_parts(start, stop, recorded)]
         values = (np.where(self._beyond(part, recorded), np.nan, self._values(part)) for part in parts)
         return Readings(
             np.concatenate([np.empty(0, np.int64), *(part["time_ns"] for part in parts)]),
@@ -225,10 +223,9 @@ class StreamReader:
 
     def frame_blocks(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
         """The frames of a camera as arrays, a chunk at a time."""
-        for part in self._parts(start, stop):
-            counts, *more = part.frames
+        for first, columns, (counts, *more) in self._parts(start, stop):
             rows = more[0] if more else np.empty((len(counts), *self.info.metadata_shape), np.uint16)
-            yield FrameBlock(part.start, counts, rows, part.columns["flags"])
+            yield FrameBlock(first, counts, rows, columns["flags"])
 
     def crops(self, box: tuple[slice, slice], step: int, *, with_rows: bool) -> Iterator[FrameBlock]:
         """A `box` of rows and columns of all frames, `step` chunks at a time, the rest of them unread.
@@ -246,13 +243,13 @@ class StreamReader:
             yield FrameBlock(start, counts, rows, self._flag(self.column("flags", start, stop), start, bad))
 
     def _timed_parts(self, start: int, stop: int | None, recorded: bool) -> Iterator[_Part]:
-        for part in self._parts(start, stop):
-            time_us, mono_ns = part.columns["time"], part.columns["mono_ns"]
-            part.columns["time_ns"] = self._times.utc_ns(time_us, mono_ns, recorded=recorded)
+        for first, columns, frames in self._parts(start, stop):
+            time_us, mono_ns = columns["time"], columns["mono_ns"]
+            columns["time_ns"] = self._times.utc_ns(time_us, mono_ns, recorded=recorded)
             if not (recorded or self.info.is_camera):
-                exceeded = self._beyond(part.columns).any(axis=-1)
-                part.columns["flags"] = part.columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
-            yield part
+                exceeded = self._beyond(columns).any(axis=-1)
+                columns["flags"] = columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
+            yield first, columns, frames
 
     def _beyond(self, columns: Columns, recorded: bool = False) -> BoolArray:
         """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
@@ -275,7 +272,7 @@ class StreamReader:
                 frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]
                 bad = stored_crc32s(columns, _bodies(columns, frames)) != columns["crc32"]
                 columns["flags"] = self._flag(columns["flags"], first, bad)
-                yield _Part(first, columns, frames)
+                yield first, columns, frames
 
     def _frames_of_chunk(self, dataset: h5py.Dataset, first: int, until: int) -> CountArray:
         """Frames within one chunk; those that cannot be read are the fill value."""

@@ -20,14 +20,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.hypotheses import DEPTH_QUANTILES, depths_m
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.learned.readout import (
-    LEVEL,
-    LOGARITHMS,
-    STATES,
-    Moments,
-    by_tilt,
-    prior_places,
-)
+from fieldkit.estimation.learned.readout import LEVEL, LOGARITHMS, STATES, Moments, by_tilt, prior_places
 from fieldkit.estimation.normal import tangents
 from fieldkit.estimation.region_temperatures import uncertain_inputs
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings

@@ -20,16 +20,7 @@ from typing import NamedTuple
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.tilt_probability import tilt_probability
 from fieldkit.model.alarm import Alarm, Condition, Phase, Rule
-from fieldkit.model.samples import (
-    OUT_OF_RANGE,
-    REPEATED,
-    Event,
-    EventKind,
-    Health,
-    Quality,
-    Sample,
-    Severity,
-)
+from fieldkit.model.samples import OUT_OF_RANGE, REPEATED, Event, EventKind, Health, Quality, Sample, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS

@@ -27,13 +27,7 @@ from fieldkit.phrases import Words, counted
 from fieldkit.recorder.alarm_outputs import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
-from fieldkit.recorder.health import (
-    DiskMonitor,
-    EstimatorMonitor,
-    FlagMonitor,
-    HealthMonitor,
-    StorageMonitor,
-)
+from fieldkit.recorder.health import DiskMonitor, EstimatorMonitor, FlagMonitor, HealthMonitor, StorageMonitor
 from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
 from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.seal import SealReport
