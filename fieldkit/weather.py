@@ -352,7 +352,7 @@ def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
 def _bsrn(path: Path, text: str) -> Weather:
     lines = text.splitlines()
     notes: tuple[str, ...] = ()
-    # Columns are fixed, and a minute of record 0100 has two lines: a whole one is as long as the one but last.
+    # columns are fixed, and a minute of record 0100 has two lines: a whole one is as long as the one but last
     if len(lines) > 2 and not text.endswith("\n") and len(lines[-1]) < len(lines[-3].rstrip()):
         text = "\n".join(lines[:-1])
         notes = (f"{path.name}: its last line is cut off and was excluded",)
