@@ -143,12 +143,7 @@ class HostClock:
     def _compare() -> ClockCheck:
         before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         middle = (before + after) // 2
-        asleep_ns = 0
-        if hasattr(time, "CLOCK_BOOTTIME"):  # only Linux counts the time asleep
-            asleep_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(
-                time.CLOCK_MONOTONIC
-            )
-        return ClockCheck(middle, wall - middle, (after - before) // 2, suspended_ns=asleep_ns)
+        return ClockCheck(middle, wall - middle, (after - before) // 2, suspended_ns=_suspended_ns())
 
     def sleep(self, seconds: float) -> None:
         """Wait in real time; nothing to do for zero or less."""
@@ -167,3 +162,9 @@ class HostClock:
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:
         """Nothing to do: real time cannot be held."""
+
+
+def _suspended_ns() -> int:
+    if not hasattr(time, "CLOCK_BOOTTIME"):  # only Linux counts the time asleep
+        return 0
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)
