@@ -251,7 +251,7 @@ class ShadeMarks:
             if (noted := _noted_minute(event)) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
         ]
-        marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
+        marked.sort(key=lambda mark: (mark[2].time_ns, mark[0], mark[2].text))
         tests, begun = [], dict[int, Event]()
         for _, column, event in marked:
             if "end_ns" in event.data:

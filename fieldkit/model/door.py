@@ -98,7 +98,7 @@ def kinds_of(function: Callable[..., Any]) -> dict[str, TypeAdapter[Any]]:
     parameters = inspect.signature(function).parameters.values()
     names = _Names(function.__globals__)
     many = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    named = {one.name: one.annotation for one in parameters if one.kind not in many}
+    named = {argument.name: argument.annotation for argument in parameters if argument.kind not in many}
     hints = {name: eval(hint, {}, names) for name, hint in named.items() if isinstance(hint, str)}
     # in a tuple, because a dataclass alone takes no configuration
     return {name: TypeAdapter(tuple[hint], config=accept) for name, hint in hints.items()}  # type: ignore[valid-type]

@@ -48,8 +48,8 @@ def _tilts(maps: Sequence[MappedSession]) -> html.Table:
         (
             html.strong(name),
             *(
-                formatting.plus_minus(one.tilt_deg, 0.5 * (one.tilt_high_deg - one.tilt_low_deg))
-                if (one := regions.get(name))
+                formatting.plus_minus(region.tilt_deg, 0.5 * (region.tilt_high_deg - region.tilt_low_deg))
+                if (region := regions.get(name))
                 else formatting.UNKNOWN
                 for regions in by_session
             ),

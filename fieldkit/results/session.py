@@ -97,8 +97,8 @@ class Stream:
             if places.step == 1:
                 return list(reader.samples(places.start, places.stop))
             return [self[place] for place in places]
-        one = range(len(self))[place]
-        return next(reader.samples(one, one + 1))
+        number = range(len(self))[place]
+        return next(reader.samples(number, number + 1))
 
     def __iter__(self) -> Iterator[Sample]:
         return self.samples()
@@ -199,7 +199,7 @@ class Session(SessionReader):
 
     >>> [event.kind.name for event in session.events()]
     ['START', 'STOP']
-    >>> [one.received for one in session.health()[-1].streams]
+    >>> [stream.received for stream in session.health()[-1].streams]
     [60, 1200, 1201]
     >>> len(session.region_history()), session.region_changes()
     (4, [])

@@ -117,7 +117,9 @@ def possible(
     samples = [flag_implausible(sample, all_bounds[sample.stream]) for sample in imported.samples]
     notes = list(imported.notes)
     for info in streams:
-        readings = [one for one in samples if isinstance(one, Reading) and one.stream == info.name]
+        readings = [
+            sample for sample in samples if isinstance(sample, Reading) and sample.stream == info.name
+        ]
         values = np.array([reading.values for reading in readings], np.float64).reshape(-1, *info.shape)
         sine = sun_vectors([reading.time_ns for reading in readings], site).reshape(-1, 3)[:, 2]
         bounds = all_bounds[info.name]
