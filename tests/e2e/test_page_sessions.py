@@ -115,7 +115,7 @@ def at_every_size(watched: Watched) -> None:
             assert watched.violations() == [], width
 
 
-def test_sessions_are_compared_by_touch(phone):
+def test_sessions_are_compared_and_marks_edited_and_taken_back_by_touch(phone):
     """Each has its image, in the colours of the palette, and its row of slopes."""
     page = phone.page
     small = page.locator("#session-list .thumbnail")
@@ -130,10 +130,6 @@ def test_sessions_are_compared_by_touch(phone):
     at_every_size(phone)
     page.locator("#compare-dialog .cancel").click()
     page.locator("#compare-dialog").wait_for(state="hidden")
-
-
-def test_marks_are_edited_and_taken_back_by_touch(phone):
-    page = phone.page
     item = page.locator("#session-list li", has_text="three beds")
     item.get_by_role("button", name="Marks").tap()
     first = page.locator("#mark-list li").first

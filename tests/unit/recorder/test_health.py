@@ -76,12 +76,8 @@ def test_pictures_come_back_with_room_to_spare():
 
 def test_a_disk_that_recovers_is_warned_of_again():
     monitor = DiskMonitor(reserve_bytes=64 * MB)
-    free = (500, 10_000, 500)
-    assert [len(list(monitor.update(one * MB, 1 * MB, 0, 0))) for one in free] == [
-        1,
-        1,
-        1,
-    ]  # warned, enough again, warned
+    events = [len(list(monitor.update(free * MB, 1 * MB, 0, 0))) for free in (500, 10_000, 500)]
+    assert events == [1, 1, 1]  # warned, enough again, warned
 
 
 def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reported():

@@ -12,9 +12,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.following import RegionFollower
 from fieldkit.model.alarm import phase_of
@@ -23,6 +22,7 @@ from fieldkit.recording.request_reader import RequestReader
 from fieldkit.recording.running import stop_recording
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import fieldkit, succeed
 from tests.harness.learnt import learnt
 from tests.harness.waiting import wait_until
 
@@ -34,15 +34,13 @@ BURSTS_OF_3 = 2
 @pytest.fixture
 def campaign(tmp_path):
     folder = tmp_path / "sand"
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    succeed("init", "--simulated", folder)
     return folder
 
 
 def record(campaign: Path, *words: str) -> Result:
     fast = ("--set", "simulation.speed=max")
-    return CliRunner().invoke(
-        main, ["record", "-C", str(campaign), "--for", f"{LENGTH_S}s", "--name", "x", *fast, *words]
-    )
+    return fieldkit("record", "-C", campaign, "--for", f"{LENGTH_S}s", "--name", "x", *fast, *words)
 
 
 def the_session(campaign: Path) -> Path:
@@ -123,7 +121,7 @@ def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):
     told = json.loads(done.stdout)["learnt"]
     assert told["parameters"][0] == {**asdict(found.parameters[0])}
     assert told["chi_square"] == found.chi_square
-    shown = CliRunner().invoke(main, ["show", str(the_session(campaign))]).output
+    shown = fieldkit("show", the_session(campaign)).output
     assert "depth, cm" in shown
     assert "3.6 (2.3 to 5.7)" in shown
 
@@ -141,8 +139,7 @@ def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(campaign, m
     path = the_session(campaign)
     assert "fieldkit recover" in done.output
     assert not is_locked(journal_path(path))
-    recovered = CliRunner().invoke(main, ["recover", str(path), "--json"])
-    assert recovered.exit_code == 0, recovered.output
+    succeed("recover", path, "--json")
     with open_session(path) as session:
         assert session.state == "recovered"
         assert sum(session.count(name) for name in session.streams) == 100
@@ -235,8 +232,7 @@ def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_jo
     _, errors = done.communicate(timeout=120)
     assert done.returncode != 0
     assert "fieldkit recover" in errors
-    recovered = CliRunner().invoke(main, ["recover", str(the_session(campaign))])
-    assert recovered.exit_code == 0, recovered.output
+    succeed("recover", the_session(campaign))
     with open_session(the_session(campaign)) as session:
         assert session.state == "recovered"
         assert session.count("thermometer") >= 60

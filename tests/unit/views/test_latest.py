@@ -26,8 +26,9 @@ def event(kind: EventKind, severity: Severity = Severity.INFO, text: str = "some
     return Event(kind, 5, 5, text, "camera", severity)
 
 
-def test_rate_is_over_the_last_minute(latest):
+def test_rate_is_over_the_last_minute_and_unknown_at_first(latest):
     for second in range(120):
+        assert math.isnan(latest.rate_hz("camera")) == (second < 2)
         latest.update(health(second, 9 * min(second, 89)))  # silent for the last half minute
     assert latest.rate_hz("camera") == pytest.approx(9 * 30 / 60)
 
@@ -39,12 +40,6 @@ def test_age_is_that_of_the_last_sample_of_each_instrument(latest, frame):
     assert (latest.age_s("lux"), latest.age_s("camera")) == (pytest.approx(14.0), 0.0)
     latest.update(frame._replace(stream="cam2", time_ns=frame.time_ns + 120 * SECOND_NS))
     assert (latest.age_s("camera"), latest.age_s("cam2")) == (pytest.approx(120.0), 0.0)
-
-
-def test_rate_is_unknown_at_first(latest):
-    assert math.isnan(latest.rate_hz("camera"))
-    latest.update(health(1, 9))
-    assert math.isnan(latest.rate_hz("camera"))
 
 
 def test_only_the_latest_of_a_kind_is_kept(latest, frame):
