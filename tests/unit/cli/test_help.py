@@ -68,21 +68,12 @@ def contexts() -> dict[str, click.Context]:
     return found
 
 
-def taken_by(context: click.Context) -> dict[str, str]:
-    """What each option takes, as its help shows it; nothing for a flag."""
-    options = (one for one in context.command.params if isinstance(one, click.Option))
-    return {
-        name: "" if option.is_flag else option.make_metavar(context)
-        for option in options
-        for name in option.opts
-    }
-
-
 def test_an_option_takes_the_same_in_every_command():
     taken = defaultdict(set)
     for context in contexts().values():
-        for name, metavar in taken_by(context).items():
-            taken[name].add(metavar)
+        for option in (one for one in context.command.params if isinstance(one, click.Option)):
+            for name in option.opts:
+                taken[name].add("" if option.is_flag else option.make_metavar(context))
     assert {name for name, metavars in taken.items() if len(metavars) > 1} == set(DIFFERENT)
 
 

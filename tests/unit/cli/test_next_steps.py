@@ -23,15 +23,9 @@ ROOMS = ("fieldkit", "drivers", "sessions", "calibration")
 def call_of(action: Action) -> Any:
     home, *names = action.value.partition("(")[0].split(".")
     thing = fieldkit.Campaign if home == "campaign" else importlib.import_module(home)
-    for name in names:
-        thing = fieldkit.Campaign if name == "open_campaign()" else member(thing, name)
+    for name in ("Campaign" if name == "open_campaign()" else name for name in names):
+        thing = getattr(thing, name, None) or importlib.import_module(f"{thing.__name__}.{name}")
     return thing
-
-
-def member(thing: Any, name: str) -> Any:
-    return (
-        getattr(thing, name) if hasattr(thing, name) else importlib.import_module(f"{thing.__name__}.{name}")
-    )
 
 
 def command_of(action: Action) -> click.Command:

@@ -27,9 +27,5 @@ def _screenshot(lines: list[str], background: int) -> np.ndarray:
 def _modules(line: str) -> np.ndarray:
     """Two rows of modules, 1 for light, in the colours that the line sets."""
     light, dark = (CUBE[number] // 255 for number in re.findall(r"[34]8;5;(\d+)", line))
-    halves = np.array([HALVES[character] for character in _characters(line)]).T
+    halves = np.array([HALVES[character] for character in re.sub(r"\x1b\[[\d;]*m", "", line)]).T
     return np.where(halves, light, dark)
-
-
-def _characters(line: str) -> str:
-    return re.sub(r"\x1b\[[\d;]*m", "", line)

@@ -92,14 +92,9 @@ def test_correction_freezes_the_frame_and_is_told_for_ten_seconds(camera, clock)
     frozen = [frame for frame in frames if Quality.DUPLICATE in frame.quality]
     assert 5 <= len(frozen) <= 8, "0.8 s at 8.7 Hz"
     for frame in frames:
-        told = Quality.SHUTTER in telemetry_quality(frame)
+        told = decode(frame.counts.tobytes() + frame.metadata_rows.tobytes()).shutter
         since_s = (frame.mono_ns - began_ns) / SECOND_NS
         assert told == (0.045 <= since_s < 10.845), since_s
-
-
-def telemetry_quality(frame):
-    told = decode(frame.counts.tobytes() + frame.metadata_rows.tobytes())
-    return Quality.SHUTTER if told.shutter else Quality.GOOD
 
 
 def test_camera_corrects_itself_every_three_minutes(source, clock):
