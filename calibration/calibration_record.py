@@ -24,7 +24,7 @@ from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError, message_of, os_errors_as
-from fieldkit.model.next_step import Argument
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.text_file import parse_toml, read_text
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -226,11 +226,8 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
             return latest
         return next((record for record in records if record[0].kind == kind), latest)
     names = sorted({file.stem.partition("-")[2] for file in files})
-    raise ConfigError(
-        f"no calibration named {reference!r}",
-        place=folder,
-        fix=f"name one of these: {', '.join(names)}" if names else "calibrate it first: none is there",
-    )
+    fix = f"name one of these: {', '.join(names)}" if names else Action.CALIBRATE() + " makes the first one"
+    raise ConfigError(f"no calibration named {reference!r}", place=folder, fix=fix)
 
 
 def records_of(session: str, folder: Path) -> Iterator[tuple[CalibrationRecord, Path]]:

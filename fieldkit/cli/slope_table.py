@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import compress
 
 import click
 
@@ -28,7 +29,9 @@ def print_slopes(
     Each reference follows, as all others show it.
     """
     by_name = {region.name: region for region in regions}
-    common.print_table(COLUMNS, [_row(estimate, by_name[name]) for name, estimate in estimates.items()])
+    rows = [_row(estimate, by_name[name]) for name, estimate in estimates.items()]
+    has_values = [any(cell != formatting.UNKNOWN for cell in column) for column in zip(*rows, strict=True)]
+    common.print_table(list(compress(COLUMNS, has_values)), [list(compress(row, has_values)) for row in rows])
     print_learnt(learnt)
     if words := formatting.findings(estimates.values(), regions):
         common.say(words)
@@ -51,10 +54,9 @@ def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     """Print once, under the tables, what their ± include and what they do not."""
     solved = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
     if solved:
-        common.say(
-            f"{formatting.region_words(formatting.confidence(solved))}, "
-            "with systematic uncertainties of scale and offset; noise: without"
-        )
+        noise = "; noise: without" if any(math.isfinite(slope.noise_tilt_low_deg) for slope in solved) else ""
+        words = formatting.region_words(formatting.confidence(solved))
+        common.say(f"{words}, with systematic uncertainties of scale and offset{noise}")
     if any(slope.model.startswith("paper") and "azimuth known" not in slope.model for slope in solved):
         common.say(formatting.PAPER_OMITS)
 

@@ -24,7 +24,7 @@ from fieldkit.estimation.learned.learner import AT_ONCE, Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.reading_gaps import settled
 from fieldkit.estimation.learned.statements import statement_sds, unstated_slope
-from fieldkit.estimation.measures import measures, narrowing
+from fieldkit.estimation.measures import LEAST_GAIN, measures, narrowing
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.shade_evidence import DoubtfulShade
@@ -481,11 +481,12 @@ class _Group:
             stated = ", against surface.same" if self._settings.same else ""
             yield f"the beds differ {unlike:.1f} times as much as usual{stated}: are they alike?"
         if is_too_wide(filled.tilt_deg, half, self._settings.target_half_width_deg):
-            hints = [
-                f"; {measure} would narrow ±{half:.1f}° to ±{half * share:.1f}°"
-                for measure, share in self._narrowing(index).items()
-            ]
-            yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}){''.join(hints[:1])}"
+            azimuth = {"a known azimuth": slope.along_half_width_deg / half}
+            shares = azimuth | self._narrowing(index)
+            measure = min(shares, key=shares.__getitem__)
+            narrowed = f"; {measure} would narrow ±{half:.1f}° to ±{half * shares[measure]:.1f}°"
+            hint = narrowed if shares[measure] <= 1.0 - LEAST_GAIN else ""
+            yield f"anything from {low:.1f}° to {high:.1f}° fits ({sure}){hint}"
         prior_sd_deg = math.degrees(self._layout.unlike_of(self._place(index)).normal_horizontal_sd)
         if half > MOST_OF_PRIOR * interval_sds(filled.confidence) * prior_sd_deg:
             yield "the data narrow the prior by less than half"

@@ -379,7 +379,10 @@ def quantity_named(label: str, stored: str) -> str:
 _BEFORE_UNIT = re.compile(
     r"\s*[-–—,;]\s+|\s*[/|:.]\s*|\s+in\s+|[\s_-]+|(?<=[a-z0-9)])(?=[A-Z%µ])|(?=[°º˚℃℉])"
 )
-_STATISTIC = re.compile(r"(?<=.)[ _](?:avg|average|mean|min|max|std|smp)$", re.IGNORECASE)
+# also speed and direction of Campbell's WindVector
+_STATISTIC = re.compile(
+    r"(?<=.)[ _](?:avg|average|mean|min|max|std|smp|(?:s|d1)_wvt|wvc\([12]\))$", re.IGNORECASE
+)
 _BRACKETS = re.compile(r"\s*[,:/-]?\s*(?:\[([^\[\]]+)\]|\(([^()]+)\)|\{([^{}]+)\})")
 _OF_TEMPERATURE = re.compile(r"temp|tmp|dew|bulb|^t[^c\W]?\d*$", re.IGNORECASE)
 

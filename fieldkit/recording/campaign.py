@@ -82,7 +82,7 @@ class Campaign:
     Examples
     --------
     >>> campaign
-    <Campaign sand slopes under the sky of Alamosa, simulated: 4 regions, 1 sessions>
+    <Campaign sand slopes under the sky of Alamosa, simulated: 4 regions, 1 session>
     >>> [region.name for region in campaign.regions]
     ['flat', 'b05', 'b15', 'b25']
     >>> campaign["noon"].state
@@ -214,7 +214,7 @@ class Campaign:
         Examples
         --------
         >>> campaign.sweep({"albedo": [0.20, 0.25], "estimator.model": ["paper", "full"]})
-        <Sweep of 4 sets, 1 sessions; best: surface.albedo = 0.2, estimator.model = full>
+        <Sweep of 4 sets, 1 session; best: surface.albedo = 0.2, estimator.model = full>
         """
         chosen = self.sessions.paths if sessions is None else sessions
         paths = [session.path if isinstance(session, Session) else session for session in chosen]

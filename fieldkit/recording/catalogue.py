@@ -58,7 +58,7 @@ class Catalogue:
     --------
     >>> sessions = fieldkit.catalogue("sandslope")
     >>> sessions
-    <Catalogue of 1 sessions, 3 regions>
+    <Catalogue of 1 session, 3 regions>
     >>> sessions.where("tilt < 10").columns()["region"]
     ['b05']
     >>> len(sessions.since("2016-01-02")), sessions.rows()[0]["session_state"]

@@ -88,7 +88,8 @@ def compare(estimates: EstimatedSessions, other: EstimatedSessions | str | Path)
         key=lambda move: -abs(move.moved_half_widths) if math.isfinite(move.moved_half_widths) else 1.0
     )
     about = earlier_results(Path(other))[0] if isinstance(other, str | Path) else other.about
-    here, there = _circumstances(estimates.about), _circumstances(about)
+    names = {move.session for move in moves}
+    here, there = _circumstances(estimates.about, names), _circumstances(about, names)
     keys = [key for key in dict.fromkeys((*there, *here)) if here.get(key) != there.get(key)]
     return Comparison(tuple(moves), {key: (there.get(key, ""), here.get(key, "")) for key in keys})
 
@@ -129,9 +130,13 @@ def _move(key: tuple[str, str], row: Mapping[str, Any], other: Mapping[str, Any]
     return Move(*key, other_tilt, tilt, moved, share, turned, other["state"], row["state"])
 
 
-def _circumstances(about: Mapping[str, Any]) -> dict[str, str]:
-    """What slopes depend on, by words: settings, code, marks, the sessions' content."""
-    digests = {f"content of {Path(s['path']).stem}": s["sha256"][:12] for s in about["sessions"]}
+def _circumstances(about: Mapping[str, Any], names: set[str]) -> dict[str, str]:
+    """What slopes depend on, by words: settings, code, marks, the content of sessions with these names."""
+    digests = {
+        f"content of {Path(s['path']).stem}": s["sha256"][:12]
+        for s in about["sessions"]
+        if names & {Path(s["path"]).stem, s["path"]}
+    }
     return {
         **dict(setting.split("=", 1) for setting in about["settings"]),
         "campaign": "as it is now" if about["campaign"] else "as recorded",

@@ -81,7 +81,7 @@ class ReportOptions:
     --------
     >>> options = fieldkit.ReportOptions(settings={"albedo": 0.25})
     >>> fieldkit.report(session, "darker.html", options)
-    <Report darker.html: 1 sessions>
+    <Report darker.html: 1 session>
     """
 
     sd: SdKind = "paper"
@@ -133,7 +133,7 @@ def report(
     Examples
     --------
     >>> fieldkit.report(session, "noon.html")
-    <Report noon.html: 1 sessions>
+    <Report noon.html: 1 session>
     """
     several = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
     paths = tuple(map(path_of, several))

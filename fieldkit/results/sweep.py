@@ -217,6 +217,7 @@ def _learning(run: Run) -> Run:
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 RANGE = re.compile(rf"({NUMBER}):({NUMBER}):({NUMBER})")
+UNSTEPPED = re.compile(rf"{NUMBER}:{NUMBER}")
 MOST_VALUES = 10_000
 
 
@@ -300,6 +301,8 @@ def _parse_setting(setting: str) -> Parameter:
     values: list[str] = []
     for piece in text.split(","):
         match = RANGE.fullmatch(piece.strip())
+        if not match and UNSTEPPED.fullmatch(piece.strip()):
+            raise ConfigError("a range without its step", place=setting, fix=f"{key}={piece.strip()}:STEP")
         values.extend(_stepped_values(setting, *map(Decimal, match.groups())) if match else [piece.strip()])
     return Parameter(key, tuple(dict.fromkeys(values)))
 

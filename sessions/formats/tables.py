@@ -42,6 +42,7 @@ _UNREADABLE, _SAVE = "cannot be read as a table", "save it as CSV, UTF-8"
 _DELIMITERS = ";\t,"
 
 _ZEROS = re.compile("[^\\n]*\0{4,}[^\\n]*")
+_SERIAL_MONITOR = re.compile(r"(?m)^(\d\d:\d\d:\d\d\.\d{3}) -> (?=(\w?))")  # Arduino's, with time stamps
 _ERASED = re.compile(rb"[^\n]*\xff{8,}\Z")
 DEFAULT_ENCODING = "utf-8-sig"
 _MARKS = {codecs.BOM_UTF8: DEFAULT_ENCODING, codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -187,6 +188,9 @@ def read_table(path: Path, options: LogOptions = AS_WRITTEN) -> Table:
     text, notes = read_contents(path, options.sheet) if is_packed else _text(path, options.encoding)
     with explained(path, _UNREADABLE, _SAVE, csv.Error):
         delimiter = _delimiter(text)
+        text = _SERIAL_MONITOR.sub(
+            lambda stamp: ("time" if stamp[2].isalpha() else stamp[1]) + delimiter, text
+        )
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
     cells = [row.cells for row in rows]
     named_first = _place_of_name(rows, time_names[0]) if time_names else None

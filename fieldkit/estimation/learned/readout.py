@@ -65,14 +65,15 @@ WORDS = {
 class KnownSlope:
     """Slope of one target: mean normal (3,), likelihood region, second branch (3,) or None, and its share.
 
-    `half_width_deg` is half the width of the tilt's region, or of its interval along the azimuth before
-    anything is cut, whichever is wider.
+    `along_half_width_deg` is half the width of the tilt's interval along its azimuth before anything is cut;
+    `half_width_deg` that of its region, where it is wider.
     A known azimuth excludes slopes that lean the other way; `away` is the probability that they had.
     """
 
     best: FloatArray
     region: LikelihoodRegion
     half_width_deg: float
+    along_half_width_deg: float
     away: float
     second: FloatArray | None
     share: float
@@ -124,8 +125,9 @@ def slope_of(branches: Sequence[Branch], axes: FloatArray, settings: EstimatorSe
         is_flat, azimuth = _holds_upright(points, weights, settings.confidence), math.nan
     region = _region(facing[first], is_flat, azimuth, settings)
     # a tilt holds what turns across its azimuth too, which a free one does at noon
-    half = 0.5 * max(high - low, region.tilt_high_deg - region.tilt_low_deg)
-    return KnownSlope(best, region, half, 1.0 - float(shares.sum()), second, share)
+    along_deg = 0.5 * (high - low)
+    half_deg = max(along_deg, 0.5 * (region.tilt_high_deg - region.tilt_low_deg))
+    return KnownSlope(best, region, half_deg, along_deg, 1.0 - float(shares.sum()), second, share)
 
 
 def _facing(drawn: Points, axes: FloatArray) -> Points:

@@ -9,7 +9,7 @@ import pytest
 from fieldkit.model.channels import air_quantities
 from fieldkit.model.component_names import component_named, may_measure
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.quantities import split_label, unit_of
+from fieldkit.model.quantities import quantity_named, split_label, unit_of
 
 SPELLINGS = {
     "°C": (
@@ -155,3 +155,9 @@ def test_no_instrument_measures_the_other_side_of_the_spectrum(label, component,
 def test_the_air_is_named_with_or_without_a_unit(label):
     info = StreamInfo("logger", "temperature", "K", (2,), channels=("bed", label))
     assert air_quantities(info) == ("", "air_temperature")
+
+
+@pytest.mark.parametrize("label", ["WS_ms_S_WVT", "WS_ms_WVc(1)", "WS_ms_Avg"])
+def test_the_wind_is_named_as_campbells_wind_vector_names_it(label):
+    assert quantity_named(label, "m s-1") == "wind_speed"
+    assert quantity_named("WindDir_D1_WVT", "degree") == "wind_direction"

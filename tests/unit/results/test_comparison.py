@@ -39,6 +39,8 @@ def test_against_what_was_written_earlier(sessions, tmp_path):
     other = fieldkit.compare(ours, str(tmp_path / "base"))
     assert dict(other.differences) == {"code version": ("0.1.0+older", ours.about["code_version"])}
     assert list(other.to_frame()["region"]) == [move.region for move in other.moves]
+    first = fieldkit.compare(fieldkit.estimate(sessions[:1], FULL), ours)  # the second is in one of them only
+    assert dict(first.differences) == {}
 
 
 def test_the_campaign_as_it_is_now_is_named(sessions):

@@ -42,6 +42,13 @@ def test_the_purpose_decides_what_is_narrow_enough_and_changes_no_number(world):
     assert [slope.tilt_deg for slope in strict] == [slope.tilt_deg for slope in generous]
 
 
+def test_a_free_azimuth_widens_a_tilt_as_its_region_does(world):
+    for slope in slopes(
+        world, azimuth="free"
+    ):  # of the gentle bed the interval along its azimuth is narrower
+        assert slope.tilt_half_width_deg >= 0.5 * (slope.tilt_high_deg - slope.tilt_low_deg) - 1e-9
+
+
 def test_at_most_half_of_the_priors_width_is_relied_on(world):
     prior = replace(world.settings.prior, normal_horizontal_sd=0.02)
     found = slopes(world, target_half_width_deg=11.0, prior=prior)

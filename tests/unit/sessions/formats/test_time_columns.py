@@ -71,6 +71,11 @@ CASES = [
     # fractions of seconds, halves of days
     (GRAPHTEC, {}, [0, 0.2]),
     (table("time", "2026-06-11 12:00:00:123"), {}, [0.123]),
+    # Keysight's BenchLink, by the format as its cells have it; T&D
+    (table("Time", "06/11/2026 12:00:05:123"), {"time_format": "%m/%d/%Y %H:%M:%S:%f"}, [5.123]),
+    (table("Date/Time", "2026/06/11 12:00'30"), {}, [30]),
+    # copied from Arduino's serial monitor
+    ("12:00:00.250 -> T [C]\n12:00:01.250 -> 21.5\n12:00:02.500 -> 21.6\n", DATE, [1.25, 2.5]),
     (table("Date,Time", "06/11/26,12:00p", "06/11/26,12:01p"), {"time_format": "%m/%d/%y %I:%M %p"}, [0, 60]),
     (table("time", "2026-06-11 12:30 p. m.", "2026-06-11 01:00:00 PM"), {}, [1800, 3600]),
     (table("time", "2026-06-11 12:00:00 +0000 UTC"), {"zone": None}, [0]),
