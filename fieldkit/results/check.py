@@ -177,8 +177,7 @@ def _compare_estimates(session: SessionReader) -> list[Finding]:
     count = counted(len(stored_estimates), "slope")
     same = f"{count} the same when computed again from the stored samples"
     if session_minutes.measured.is_recordings:
-        count = counted(len(stored_estimates), "slope")
-    same = f"{count} of the recording itself, by this version and these settings"
+        same = f"{count} of the recording itself, by this version and these settings"
     return [Finding("ok", "slopes", same), *others]
 
 
