@@ -67,8 +67,8 @@ REMEMBERED = 3
 
 Judged: because three times 64 densities carry the polynomial; older draws lie where nothing is any more.
 """
-STEPS, STEPS_AFTER_DRAW = 3, 15
-"""Gauss-Newton steps of unit normals from those of the minute before, and from the filters' own.
+STEPS, STEPS_AFTER_DRAW = 2, 15
+"""Newton steps of unit normals from those of the minute before, and from the filters' own.
 
 Judged: because a minute moves a normal little; from afar it takes more, and what has converged stops.
 """

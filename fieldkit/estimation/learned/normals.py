@@ -3,7 +3,7 @@
 A filter knows the vectors ``gain * normal`` as a joint normal distribution in which lengths are free. Lengths
 must all equal the gain, up to what each bed absorbs more or less than the reference: a bed whose vector the
 sun's path pins down gives the gain, so nearly every other bed's too. The most probable unit normals are found
-by damped Gauss-Newton steps for all hypotheses at once; around them
+by damped Newton steps for all hypotheses at once; around them
 the distribution is taken to be normal in the plane that touches the sphere (Laplace).
 """
 
@@ -182,7 +182,13 @@ def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray
     transposed = fit.jacobian.transpose(0, 2, 1)
     slope = np.matmul(transposed, fit.pull[..., np.newaxis])
     curvature = np.matmul(transposed, np.matmul(information, fit.jacobian))
-    diagonal = np.arange(curvature.shape[1])
+    diagonal, targets = np.arange(curvature.shape[1]), len(fit.tangents)
+    # the sphere bends away from its tangents: with this two steps converge where Gauss and Newton's take ten;
+    # at most half is taken off, so that no step climbs
+    along = (1.0 + fit.guess.own) * (slope[:, -targets:, 0] - fit.pull[:, -targets:])
+    bend = np.repeat(along, [tangent.shape[2] for tangent in fit.tangents], axis=1)
+    turns = diagonal[1 : 1 + bend.shape[1]]
+    curvature[:, turns, turns] += np.maximum(bend, -0.5 * curvature[:, turns, turns])
     # as Marquardt damps: relative, because gain and turns differ in size
     curvature[:, diagonal, diagonal] *= 1.0 + damping[:, np.newaxis]
     step = np.linalg.solve(curvature, slope)[..., 0]
