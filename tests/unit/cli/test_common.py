@@ -121,28 +121,23 @@ def fail(run, monkeypatch, tmp_path):
     return go
 
 
-# exit codes as docs/reference/command-line.md lists them
+EXIT_CODES = {
+    1: (errors.FieldkitError("x"), RuntimeError("x"), ConnectionResetError(errno.ECONNRESET, "reset")),
+    2: (click.UsageError("x"),),
+    3: (errors.ConfigError("x"), errors.SessionError("x")),
+    4: (errors.DeviceNotFoundError("x"), errors.DeviceAccessError("x"), errors.DeviceTimeoutError("x")),
+    5: (errors.DeviceLostError("x"),),
+    6: (errors.StorageError("x"),),
+    7: (errors.IntegrityError("x"),),
+    8: (errors.NoAnswerError("x"), errors.CalibrationError("x")),
+    9: (errors.RefusedError("x"),),
+    130: (KeyboardInterrupt(), click.Abort()),
+}
+"""As docs/reference/command-line.md lists them."""
+
+
 @pytest.mark.parametrize(
-    ("error", "code"),
-    [
-        (errors.FieldkitError("x"), 1),
-        (errors.ConfigError("x"), 3),
-        (errors.SessionError("x"), 3),
-        (errors.DeviceNotFoundError("x"), 4),
-        (errors.DeviceAccessError("x"), 4),
-        (errors.DeviceTimeoutError("x"), 4),
-        (errors.DeviceLostError("x"), 5),
-        (errors.StorageError("x"), 6),
-        (errors.IntegrityError("x"), 7),
-        (errors.NoAnswerError("x"), 8),
-        (errors.CalibrationError("x"), 8),
-        (errors.RefusedError("x"), 9),
-        (click.UsageError("x"), 2),
-        (KeyboardInterrupt(), 130),
-        (click.Abort(), 130),
-        (RuntimeError("x"), 1),
-        (ConnectionResetError(errno.ECONNRESET, "reset"), 1),
-    ],
+    ("code", "error"), [(code, error) for code, raised in EXIT_CODES.items() for error in raised]
 )
 def test_each_failure_has_its_exit_code(fail, error, code):
     assert fail(error).exit_code == code

@@ -212,15 +212,7 @@ def test_polar_night_has_no_plan():
 
 
 @pytest.mark.parametrize(
-    "option",
-    [
-        "--for=2m",
-        "--step=0",
-        "--step=3m30s",
-        "--dni=-1",
-        "--dni=8000",
-        "--on=2500-01-01",
-    ],
+    "option", ["--for=2m", "--step=0", "--step=3m30s", "--dni=-1", "--dni=8000", "--on=2500-01-01"]
 )
 def test_impossible_numbers_are_refused(option):
     done = run(*AUGUST, option)
