@@ -74,9 +74,11 @@ def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | Non
     before. Of the hour that comes twice at the end of summer time, the rows up to where the clock goes back
     belong to the first.
 
-    Raises `ConfigError` where a time has no offset and no `zone` is given, names an hour that was skipped, or
-    one that came twice and the order of the rows leaves open which.
+    Raises `ConfigError` where strptime would read the format wrongly, a time has no offset and no `zone` is
+    given, names an hour that was skipped, or one that came twice and the order of the rows leaves open which.
     """
+    if time_format is not None:
+        _pattern(time_format)  # a wrong format is no matter of any one time
     known_ns: dict[int, int] = {}
     written: dict[int, datetime] = {}
     unreadable: dict[int, ConfigError] = {}
