@@ -226,7 +226,7 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
             return latest
         return next((record for record in records if record[0].kind == kind), latest)
     names = sorted({file.stem.partition("-")[2] for file in files})
-    fix = f"name one of these: {', '.join(names)}" if names else Action.CALIBRATE() + " makes the first one"
+    fix = f"name one of these: {', '.join(names)}" if names else "calibrate first: it holds none"
     raise ConfigError(f"no calibration named {reference!r}", place=folder, fix=fix)
 
 

@@ -66,7 +66,7 @@ def _row(estimate: SlopeEstimate, region: Region) -> tuple[str, ...]:
     return (
         estimate.region,
         formatting.given_slope(region),
-        f"{formatting.tilt(estimate)}°",
+        formatting.tilt_degrees(estimate),
         formatting.noise(estimate),
         f"{error:+.1f}°" if math.isfinite(error) else formatting.UNKNOWN,
         formatting.azimuth(estimate),

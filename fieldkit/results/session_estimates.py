@@ -318,7 +318,7 @@ def _attributes(name: str) -> dict[str, str]:
 
 
 def _short(estimate: SlopeEstimate) -> str:
-    return f"{estimate.region} {formatting.tilt(estimate)}° ({formatting.state(estimate)})"
+    return f"{estimate.region} {formatting.tilt_degrees(estimate)} ({formatting.state(estimate)})"
 
 
 def iso(time_ns: int) -> str:

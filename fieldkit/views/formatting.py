@@ -75,6 +75,12 @@ def tilt(estimate: SlopeEstimate) -> str:
     return f"{number(value, 1)} {_tilt_region(estimate)}" if is_lopsided else plus_minus(value, half_deg)
 
 
+def tilt_degrees(estimate: SlopeEstimate) -> str:
+    """The same with its unit."""
+    words = tilt(estimate)
+    return words if words == UNKNOWN else f"{words}°"
+
+
 def region_words(sure: str) -> str:
     """Meaning of what stands behind a tilt, whose region has the confidence `sure`."""
     return f"±: half the width of the {sure} region, or (from–to) where it is lopsided"

@@ -100,7 +100,7 @@ def _row(estimate: SlopeEstimate, region: Region) -> tuple[str, ...]:
     return (
         estimate.region,
         formatting.given_slope(region),
-        f"{formatting.tilt(estimate)}°",
+        formatting.tilt_degrees(estimate),
         formatting.azimuth(estimate),
         formatting.state(estimate),
     )

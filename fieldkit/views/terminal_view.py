@@ -223,7 +223,7 @@ def line(latest: Latest) -> str:
     planned = f" of {(latest.planned_end_ns - latest.start_ns) / 60e9:.0f}" if latest.planned_end_ns else ""
     estimates = latest.minute.estimates if latest.minute else ()
     slopes = [
-        f"{estimate.region} {formatting.tilt(estimate)}° {formatting.state(estimate)}"
+        f"{estimate.region} {formatting.tilt_degrees(estimate)} {formatting.state(estimate)}"
         for estimate in estimates
     ]
     alarms = [f"{alarm.condition} {alarm.subject}".strip() for alarm in latest.alarms]

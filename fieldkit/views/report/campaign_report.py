@@ -92,7 +92,7 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, target, sd) for part in parts for target in part.columns.targets]
     sure = _confidence(parts)
     caption = (
-        f"Tilt: the final one, {formatting.region_words(sure)}. MAE and SD: over the n minutes with an "
+        f"Tilt: the final one; {formatting.region_words(sure)}. MAE and SD: over the n minutes with an "
         f"estimate; SD {sd_words(sd)}. Wide: how many of them are. RMSE: measured surface temperature "
         "against eq. (7), the reference standing in for air and sky."
     )

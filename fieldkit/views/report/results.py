@@ -160,7 +160,7 @@ def slope_figures(data: ReportData) -> Iterator[Figure]:
 def _tilts_at(columns: Series, minute: int) -> Iterator[str]:
     for target in columns.targets:
         if estimate := target.estimates[minute]:
-            yield f"{target.region.name} {formatting.tilt(estimate)}°, {formatting.state(estimate)}"
+            yield f"{target.region.name} {formatting.tilt_degrees(estimate)}, {formatting.state(estimate)}"
 
 
 def time_figures(data: ReportData) -> Iterator[Figure]:
@@ -238,7 +238,7 @@ def _clouds(columns: Series) -> str:
 
 def _final_tilts(columns: Series) -> str:
     ends = [(target.region.name, target.final_estimate) for target in columns.targets]
-    return " ".join(f"{name} ends at {formatting.tilt(final)}°." for name, final in ends if final)
+    return " ".join(f"{name} ends at {formatting.tilt_degrees(final)}." for name, final in ends if final)
 
 
 # ---------------------------------------------------------------------- as in the paper

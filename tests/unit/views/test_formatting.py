@@ -55,6 +55,8 @@ def test_numbers(text, expected):
         (formatting.tilt(estimate(tilt_deg=15.0, tilt_low_deg=14.0, tilt_high_deg=16.6)), "15.0 ±1.3"),
         (formatting.tilt(estimate(tilt_deg=4.8, tilt_low_deg=4.0, tilt_high_deg=12.2)), "4.8 (4.0–12.2)"),
         (formatting.tilt(estimate(tilt_deg=0.8, tilt_low_deg=0.0, tilt_high_deg=2.7)), "0.8 ±1.9"),
+        (formatting.tilt_degrees(estimate(tilt_deg=15.0)), "15.0°"),
+        (formatting.tilt_degrees(estimate(tilt_deg=math.nan)), "–"),
         (
             formatting.noise(estimate(tilt_deg=15.0, noise_tilt_low_deg=14.8, noise_tilt_high_deg=15.7)),
             "±0.4°",
