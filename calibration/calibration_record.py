@@ -24,7 +24,7 @@ from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError, message_of, os_errors_as
-from fieldkit.model.next_step import Action, Argument
+from fieldkit.model.next_step import Argument
 from fieldkit.model.text_file import parse_toml, read_text
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
