@@ -51,28 +51,6 @@ def record(folder: Path, text: str) -> tuple[int, str]:
     return fieldkit("record", "-C", folder, "--for", "1s")
 
 
-def test_five_mistakes_give_five_messages_with_their_lines(tmp_path):
-    code, message = record(
-        tmp_path,
-        "[site]\nlatitude_deg = 139.4\nlongitude_deg = 35.5\n"
-        '[lux]\ndriver = "lutron"\nevery_min = 1\n'
-        '[surface]\nalbedo = "0.2"\n'
-        '[[region]]\nname = "flat"\npoints_px = [[0, 0], [9, 9]]\n',
-    )
-    assert code == 3
-    first, *lines, fix = message.splitlines()
-    assert first.startswith("error: 5 ")
-    assert [line.split(": ")[:2] for line in lines] == [
-        ["  fieldkit.toml:2", "site.latitude_deg"],
-        ["  fieldkit.toml:6", "lux.every_min"],
-        ["  fieldkit.toml:8", "surface.albedo"],
-        ["  fieldkit.toml:9", "region"],
-        ["  fieldkit.toml:11", "region[0].points_px"],
-    ]
-    assert fix == f"  fix: edit {tmp_path / 'fieldkit.toml'}"
-    assert not (tmp_path / "recordings").exists()
-
-
 def test_a_region_that_leaves_the_cameras_picture_is_refused_when_the_camera_is_there(simulated):
     """The configuration does not say how large the picture is; the camera does."""
     text = re.sub("(?=width_px|height_px)", "#", (simulated / "fieldkit.toml").read_text())

@@ -214,10 +214,6 @@ def bed():
     return Region("b15", RegionKind.TARGET, ((60.0, 60.0), (89.0, 60.0), (89.0, 89.0), (60.0, 89.0)), 15.0)
 
 
-def regions_of(items):
-    return [item for item in items if isinstance(item, RegionRecord)]
-
-
 def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
     number = send(folder, NewRegions.of((bed,)))
     reader = RequestReader(folder, clock, Redrawing((), VIEWS, SITE))
@@ -258,7 +254,7 @@ def test_regions_that_could_not_be_stored_come_again_and_those_stored_stay(folde
     items = reader()
     assert [next(items).region.name, next(items).region.name] == ["b0", "b30"]
     items.close()  # the second was not stored
-    assert [one.region.name for one in regions_of(reader())] == ["b30"]
+    assert [item.region.name for item in reader() if isinstance(item, RegionRecord)] == ["b30"]
 
 
 def test_requests_that_a_killed_recording_did_not_carry_out_are_named(folder, bed):
