@@ -206,11 +206,8 @@ def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[
         with Salvage(path) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and (salvage.lost or salvage.lost_entries):
-            losses = [
-                *(f"{run.stream}: {counted(run.count, 'sample')} lost" for run in salvage.lost),
-                *salvage.damage,
-            ]
-            raise IntegrityError(f"not whole: {'; '.join(losses)}", place=path)
+            lost = [f"{run.stream}: {counted(run.count, 'sample')} lost" for run in salvage.lost]
+            raise IntegrityError(f"not whole: {'; '.join([*lost, *salvage.damage])}", place=path)
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
         with suppress(OSError):
@@ -257,9 +254,8 @@ def _recovery_events(
         yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
     count = sum(len(stats.crc32s) for stats in salvage.statistics.values())
     doubt = f"; the end is not known: {salvage.doubt}" if salvage.doubt else ""
-    text = (
-        f"session recovered: {counted(count, 'sample')}, {sum(run.count for run in salvage.lost)} lost{doubt}"
-    )
+    lost = sum(run.count for run in salvage.lost)
+    text = f"session recovered: {counted(count, 'sample')}, {lost} lost{doubt}"
     severity = Severity.ERROR if salvage.lost or doubt else Severity.WARNING
     findings = {"doubt": salvage.doubt, "lost_entries": salvage.lost_entries}
     yield Event(EventKind.RECOVERED, end_ns - anchor_ns, end_ns, text, "", severity, findings)

@@ -132,11 +132,8 @@ def _move(key: tuple[str, str], row: Mapping[str, Any], other: Mapping[str, Any]
 
 def _circumstances(about: Mapping[str, Any], names: set[str]) -> dict[str, str]:
     """What slopes depend on, by words: settings, code, marks, the content of sessions with these names."""
-    digests = {
-        f"content of {Path(s['path']).stem}": s["sha256"][:12]
-        for s in about["sessions"]
-        if names & {Path(s["path"]).stem, s["path"]}
-    }
+    compared = [s for s in about["sessions"] if names & {Path(s["path"]).stem, s["path"]}]
+    digests = {f"content of {Path(s['path']).stem}": s["sha256"][:12] for s in compared}
     return {
         **dict(setting.split("=", 1) for setting in about["settings"]),
         "campaign": "as it is now" if about["campaign"] else "as recorded",

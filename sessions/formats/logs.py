@@ -169,9 +169,8 @@ def _of_things(rows: Sequence[TimedRow], table: Table) -> tuple[list[TimedRow], 
 def _reader(table: Table) -> Callable[[tzinfo | None], Times]:
     """Reads the times in a zone; raises `ConfigError` where they have no date and no option gives it."""
     options, texts = table.options, [table.time_text(row) for row in table.rows]
-    if table.kind == "moment" and not (
-        options.time_format or times.is_dated(texts[0]) or times.is_unix(texts[0])
-    ):
+    is_timed = options.time_format or times.is_dated(texts[0]) or times.is_unix(texts[0])
+    if table.kind == "moment" and not is_timed:
         return lambda zone: read_times(texts, zone)  # which names what is wrong with them
     is_start, is_date = options.start is not None, options.date is not None
     uses = {"moment": (), "clock": ("date", "start"), "count": ("start",)}[table.kind]

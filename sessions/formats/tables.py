@@ -188,9 +188,7 @@ def read_table(path: Path, options: LogOptions = AS_WRITTEN) -> Table:
     text, notes = read_contents(path, options.sheet) if is_packed else _text(path, options.encoding)
     with explained(path, _UNREADABLE, _SAVE, csv.Error):
         delimiter = _delimiter(text)
-        text = _SERIAL_MONITOR.sub(
-            lambda stamp: ("time" if stamp[2].isalpha() else stamp[1]) + delimiter, text
-        )
+        text = _SERIAL_MONITOR.sub(lambda at: ("time" if at[2].isalpha() else at[1]) + delimiter, text)
         rows = [row for row in _rows(text, delimiter) if any(row.cells)]
     cells = [row.cells for row in rows]
     named_first = _place_of_name(rows, time_names[0]) if time_names else None
