@@ -497,13 +497,11 @@ class _Group:
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
-        worst = self._misfit(index)
-        if worst <= readout.MOST_MISFIT:
+        worst, most = self._misfit(index), readout.MOST_MISFIT
+        if worst <= most:
             return ""
         question = readout.cause(learner.minutes, self._surprise(learner))
-        return (
-            f"no slope explains the minutes (misfit {worst:.1f}, at most {readout.MOST_MISFIT:g}): {question}"
-        )
+        return f"no slope explains the minutes (misfit {worst:.1f}, at most {most:g}): {question}"
 
     def _misfit(self, index: int) -> float:
         # the reference's errors too: every slope rests on it
@@ -511,26 +509,19 @@ class _Group:
 
     def _unusual_in(self, learner: Learner) -> str:
         """The learnt parameter or statement that nothing usual explains, in words; "" if there is none."""
-        if wrong := self._wrong_statement(learner):
-            return wrong
+        columns = self._layout.columns[: len(self._references)]
+        sds = max(statement_sds(learner, reference) for reference in range(len(columns)))
+        if sds > readout.SURPRISING_SDS:
+            references = [self._columns.regions[column] for column in columns]
+            tilts = (f"{region.name} {np.nan_to_num(region.tilt_deg):g}°" for region in references)
+            stated = f"the stated {' and '.join(tilts)} ({sds:.1f} deviations)"
+            return f"the minutes contradict {stated}: is each as steep as that?"
         unusual = self._surprise(learner)
         return f"{unusual}: {readout.cause(learner.minutes, unusual)}" if unusual else ""
 
-    def _wrong_statement(self, learner: Learner) -> str:
-        """The references' slopes if what they are stated to be is contradicted by the minutes, else ""."""
-        sds = max(statement_sds(learner, reference) for reference in range(len(self._references)))
-        if sds <= readout.SURPRISING_SDS:
-            return ""
-        references = [
-            self._columns.regions[column] for column in self._layout.columns[: len(self._references)]
-        ]
-        stated = " and ".join(f"{region.name} {np.nan_to_num(region.tilt_deg):g}°" for region in references)
-        return f"the minutes contradict the stated {stated} ({sds:.1f} deviations): is each as steep as that?"
-
     def _surprise(self, learner: Learner) -> readout.Surprise | None:
-        return readout.surprise(
-            self._moments, self._settings, prior_sds(self._settings, learner.logged_inputs)
-        )
+        sds = prior_sds(self._settings, learner.logged_inputs)
+        return readout.surprise(self._moments, self._settings, sds)
 
     def narrowing(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Name of each target that holds, and the share of its half-width that each measure would leave."""

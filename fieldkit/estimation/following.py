@@ -47,10 +47,6 @@ class _Match:
     shift: Shift
     peak: float
 
-    @property
-    def is_clear(self) -> bool:
-        return self.peak >= CLEAR_PEAK
-
 
 class FrameFollower:
     """Follows the content of one camera's frames, in order of time, from the first one given."""
@@ -83,11 +79,12 @@ class FrameFollower:
         return self._follow(match, now, FARTHEST_STEP * counts.shape[1])
 
     def _follow(self, match: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
+        is_clear = match.peak >= CLEAR_PEAK
         # no frame has shown edges yet, so none can be lost
-        if not match.is_clear and not self._is_clear:
+        if not is_clear and not self._is_clear:
             self._last = now
             return self._at
-        self._is_lost = not match.is_clear or bool(np.hypot(*(match.shift - self._at)) > farthest_px)
+        self._is_lost = not is_clear or bool(np.hypot(*(match.shift - self._at)) > farthest_px)
         if self._is_lost:
             return None
         self._at, self._last, self._is_clear = match.shift, now, True

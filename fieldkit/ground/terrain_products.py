@@ -137,12 +137,13 @@ def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
     kinds = (
         _Kind(
             "slope", "tilt from horizontal", "degree",
-            lambda normals: tilt_azimuth(normals)[0], "ground_slope_angle", quick=_quick_tilt,
+            lambda normals: tilt_azimuth(normals)[0], "ground_slope_angle",
+            quick=lambda n: np.degrees(np.arctan2(np.hypot(n[..., 0], n[..., 1]), n[..., 2])),
         ),
         _Kind(
             "heading", "direction of the surface normal from true north, clockwise", "degree",
             lambda normals: tilt_azimuth(normals)[1], "ground_slope_direction", is_cyclic=True,
-            quick=_quick_azimuth,
+            quick=lambda n: np.degrees(np.arctan2(n[..., 0], n[..., 1])),
         ),
         _Kind(
             "rdir", f"slope along a drive towards {drive_deg:g} degrees, positive uphill", "degree",
@@ -158,14 +159,6 @@ def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
     if "uvw" in wanted.names:
         for axis, (name, direction) in enumerate((("u", "east"), ("v", "north"), ("w", "up"))):
             yield _Kind(name, f"component of the unit normal, {direction}", "1", itemgetter((..., axis)))
-
-
-def _quick_tilt(normals: SingleArray) -> SingleArray:
-    return np.asarray(np.degrees(np.arctan2(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2])))
-
-
-def _quick_azimuth(normals: SingleArray) -> SingleArray:
-    return np.asarray(np.degrees(np.arctan2(normals[..., 0], normals[..., 1])))
 
 
 def suns_of_day(site: Site, time_ns: int) -> FloatArray:
