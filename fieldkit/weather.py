@@ -408,9 +408,8 @@ def _weather_of(table: pd.DataFrame, site: Site, program: _Program, path: Path) 
     for ours, names in _NAMES.items():
         values = next((table[name] for name in names if name in table), math.nan)
         is_bad = table.get(f"{names[0]}_flag") == 1
-        columns[ours] = np.where(
-            is_bad, math.nan, np.broadcast_to(np.asarray(values, np.float64), len(table))
-        )
+        numbers = np.broadcast_to(np.asarray(values, np.float64), len(table))
+        columns[ours] = np.where(is_bad, math.nan, numbers)
     columns["air_temperature_k"] += CELSIUS_ZERO_K
     columns["pressure_pa"] *= program.pressure_pa
     labels = pd.DatetimeIndex(table.index).tz_convert("UTC").tz_localize(None)

@@ -276,6 +276,5 @@ def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any
 
 def labels(names: Iterable[str], width: int = 32) -> np.ndarray[Any, Any]:
     """Names as UTF-8 text of fixed width; at least one, as no scale may be empty."""
-    return np.array(
-        [layout.encode_text(name, width) for name in names] or [b""], h5py.string_dtype("utf-8", width)
-    )
+    texts = [layout.encode_text(name, width) for name in names] or [b""]
+    return np.array(texts, h5py.string_dtype("utf-8", width))

@@ -164,9 +164,8 @@ class JournalReader(contextlib.AbstractContextManager["JournalReader"]):
     def _identities(self) -> Iterator[SessionIdentity]:
         """The session, as the head of each log states it; notes of each log what file it was made as."""
         for log in self._logs:
-            heads = (
-                head for head in log.heads() if (head.kind, head.session) == (Kind.IDENTITY, self._session)
-            )
+            own = (Kind.IDENTITY, self._session)
+            heads = (head for head in log.heads() if (head.kind, head.session) == own)
             for payload in filter(None, map(log.payload, islice(heads, 1))):
                 try:
                     identity, log.origin = SessionIdentity.from_json(payload, self.folder)

@@ -141,9 +141,8 @@ def least_squares_rows(
     shade = (np.maximum(vertical + around_sun, 0.0) + around_sun) / beam
     reference = columns.reference_normals[references].mean(axis=0)
     steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
-    drift_k = (
-        settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean())[:, np.newaxis] / 60.0
-    )
+    minutes = (history.minute - history.minute[first:].mean())[:, np.newaxis]
+    drift_k = settings.drift_sd_k_per_h * minutes / 60.0
     exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over_k, first)
     systematics = [settings.offset_sd_k * steepness, drift_k * steepness, exchange]
     kernel = np.zeros(1)

@@ -447,9 +447,8 @@ class _Group:
         # from what refuses a slope to what only leaves it wide: the first that applies is the state
         limit = self._settings.tilt_limit_deg
         if filled.tilt_deg > limit:
-            return replace(
-                filled, state=SlopeState.NO_INTERSECTION, reason=f"no tilt up to {limit:.0f}° fits"
-            )
+            reason = f"no tilt up to {limit:.0f}° fits"
+            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=reason)
         state = SlopeState.FLAT if slope.region.vertical else SlopeState.OK
         reason = f"flat within {filled.tilt_high_deg:.1f}°" if slope.region.vertical else ""
         if doubt := next(self._doubts(filled, slope, index), ""):

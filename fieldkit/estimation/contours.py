@@ -84,9 +84,8 @@ class RadiationTable:
         best = int(scores.max())
         cells = np.flatnonzero(scores == best) if best else np.array([], np.intp)
         total = self.cells[cells].sum(axis=0)
-        return _winning(
-            total[np.newaxis], np.array([best]), np.array([cells.size]), threshold * difference_w_m2.size
-        )
+        needed = threshold * difference_w_m2.size
+        return _winning(total[np.newaxis], np.array([best]), np.array([cells.size]), needed)
 
     @cached_property
     def _order(self) -> IndexArray:

@@ -53,9 +53,8 @@ class Grid:
     def normals(self) -> FloatArray:
         """All of them (m, k, l, 3)."""
         around = self.level[:, :, np.newaxis, np.newaxis] * self.ring[:, np.newaxis]
-        return np.asarray(
-            around + (self.height[..., np.newaxis] * self.axes[:, np.newaxis, :, 2])[:, :, np.newaxis]
-        )
+        upwards = self.height[..., np.newaxis] * self.axes[:, np.newaxis, :, 2]
+        return np.asarray(around + upwards[:, :, np.newaxis])
 
     def quadratic(self, H: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
         """``n'Hn - 2 b'n + c`` (m, k, l), for matrices (m, 3, 3), vectors (m, 3) and numbers (m,)."""
@@ -360,9 +359,8 @@ def regions_known_azimuth(
     facing, across = normal(90.0, azimuth_deg), normal(90.0, azimuth_deg + 90.0)
     axes = np.stack([facing, across, np.broadcast_to(VERTICAL, facing.shape)], axis=2)
     height = np.broadcast_to(np.cos(np.radians(tilts)), (len(best), TILTS))
-    excess = (
-        misfit.on_grid(Grid(axes, height, np.zeros((len(best), 1))))[..., 0] - misfit(best)[:, np.newaxis]
-    )
+    grid = Grid(axes, height, np.zeros((len(best), 1)))
+    excess = misfit.on_grid(grid)[..., 0] - misfit(best)[:, np.newaxis]
     root = np.sqrt(np.maximum(excess, 0.0) / drop)
     low = _ends(tilt, tilts[::-1], root[:, ::-1], tilts[::-1] < tilt)
     high = _ends(tilt, tilts, root, tilts > tilt)

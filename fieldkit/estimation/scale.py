@@ -129,9 +129,8 @@ def scale_from_known_bed(
     inflation = max(1.0, chi_square)
     information = columns @ columns.T / inflation + priors
     solution = np.linalg.solve(information, columns @ measured / inflation + expected)
-    return Scale(
-        float(solution[0]), float(np.sqrt(np.linalg.inv(information)[0, 0])), chi_square, int(is_finite.sum())
-    )
+    kappa_sd = float(np.sqrt(np.linalg.inv(information)[0, 0]))
+    return Scale(float(solution[0]), kappa_sd, chi_square, int(is_finite.sum()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,9 +209,8 @@ def identify(
         scale, share = parameters
         predicted_k = share * emitted + (1.0 - share) * over_k
         # residuals in kelvin: the noise is in the temperatures, so D divides the sunlight
-        return np.append(
-            (sunlight_w_m2 / scale - predicted_k) / noise, (share - expected_share) / prior_share_sd
-        )
+        off_k = sunlight_w_m2 / scale - predicted_k
+        return np.append(off_k / noise, (share - expected_share) / prior_share_sd)
 
     fit = least_squares(residuals, [steepness, expected_share], x_scale=[steepness, 0.1])
     jacobian = np.asarray(fit.jac, np.float64)
@@ -225,6 +223,5 @@ def identify(
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
         "albedo, emissivity and exchange separately cannot be determined from temperatures"
     )
-    return ExchangeFit(
-        fitted * share / cube, fitted * (1.0 - share), fitted, fitted_sd, share_sd, is_prior, summary
-    )
+    alpha, beta = fitted * share / cube, fitted * (1.0 - share)
+    return ExchangeFit(alpha, beta, fitted, fitted_sd, share_sd, is_prior, summary)

@@ -140,9 +140,8 @@ def _slope(history: History, column: np.int64, region: Region, settings: Estimat
     exponent = OF_SEVERAL_DAYS if len(by_day) > 1 else 1.0
     log_density = exponent * np.logaddexp.reduce(by_day, axis=1).sum(axis=0) + log_prior
     share = np.exp(log_density - np.logaddexp.reduce(log_density))
-    return _with_state(
-        _with_posterior(replace(blank, n_bins=used), normals, share, settings, azimuth), settings
-    )
+    filled = _with_posterior(replace(blank, n_bins=used), normals, share, settings, azimuth)
+    return _with_state(filled, settings)
 
 
 def _rows(
@@ -156,9 +155,8 @@ def _rows(
     longwave = np.where(np.isnan(longwave), clear_sky_longwave(air_k), longwave)
     rows = replace(rows, air_k=air_k, longwave_down_w_m2=longwave)
     is_lit &= rows.sun[:, 2] > math.sin(math.radians(WEATHER[settings.air].low_sun_deg))
-    usable = np.flatnonzero(
-        is_lit & np.isfinite(rows.temperature_k[:, 0] + MinuteLight.of(rows, settings).ghi)
-    )
+    is_lit &= np.isfinite(rows.temperature_k[:, 0] + MinuteLight.of(rows, settings).ghi)
+    usable = np.flatnonzero(is_lit)
     nights = np.flatnonzero(np.diff(rows.time_ns[usable]) > NIGHT_S * SECOND_NS) + 1
     return rows, [day[EDGE_ROWS:-EDGE_ROWS] for day in np.split(usable, nights)]
 
@@ -181,9 +179,8 @@ def _stored(rows: History, settings: EstimatorSettings) -> FloatArray:
     steps_s = np.arange(0.0, seconds[-1] + 1.5 * step_s, step_s)
     kelvin = np.interp(steps_s, seconds, _linear(rows, rows.temperature_k[:, 0]))
     depths = settings.slab.depth_m * np.exp(LAYER_SDS * settings.prior.depth_log_sd)
-    fluxes = [
-        conducted_flux(replace(settings.slab, depth_m=depth), kelvin, step_s) for depth in depths.tolist()
-    ]
+    layers = (replace(settings.slab, depth_m=depth) for depth in depths.tolist())
+    fluxes = [conducted_flux(layer, kelvin, step_s) for layer in layers]
     # a flux is the mean since the step before: that of a row is the mean of two
     halves = [[np.interp(seconds + later_s, steps_s, flux) for later_s in (0.0, step_s)] for flux in fluxes]
     return np.asarray(np.mean(halves, axis=1))

@@ -88,9 +88,8 @@ class SlopeField:
 
 def _number(description: str, unit: str = "degree", *, unknown: float = NAN, **about: str | int) -> Any:
     """A field of `SlopeEstimate`; `about` are those of its `SlopeField` that are not as usual."""
-    return field(
-        default=unknown, metadata={"description": description, "unit": unit, "unknown": unknown, **about}
-    )
+    metadata = {"description": description, "unit": unit, "unknown": unknown, **about}
+    return field(default=unknown, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)

@@ -217,9 +217,8 @@ def planck_counts(temperature_k: float, constants: Planck) -> float:
 def path_transmission(constants: Planck) -> float:
     """Transmission of one half of the path, 1 at no distance; the window, if any, is in its middle."""
     air_c = constants.air_k - CELSIUS_ZERO_K
-    water = constants.humidity * math.exp(
-        1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 6.8455e-7 * air_c**3
-    )
+    saturation = math.exp(1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 6.8455e-7 * air_c**3)
+    water = constants.humidity * saturation
     root, depth = math.sqrt(water), math.sqrt(constants.distance_m / 2)
     first = math.exp(-depth * (constants.alpha1 + constants.beta1 * root))
     second = math.exp(-depth * (constants.alpha2 + constants.beta2 * root))

@@ -58,11 +58,9 @@ def _conduction(stack: Stack) -> tuple[FloatArray, FloatArray]:
     """Conductance between neighbouring nodes (n - 1,) and heat capacity of each (n,)."""
     thickness = [np.diff(slab.depths_m()) for slab in stack]
     between = [slab.conductivity_w_m_k / thick for slab, thick in zip(stack, thickness, strict=True)]
-    heat_capacities = [
-        slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)
-    ]
+    capacities = [slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)]
     # a node has half of the layer above it and half of that below
-    half = np.concatenate(heat_capacities) / 2.0
+    half = np.concatenate(capacities) / 2.0
     return np.concatenate(between), np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
 

@@ -64,9 +64,8 @@ def _leap_seconds(mjd: FloatArray) -> FloatArray:
 def earth_rotation() -> EarthRotation:
     """Earth rotation from the IERS file that was installed with astropy; read once."""
     days = [line for line in Path(IERS_A_FILE).read_text("ascii").splitlines() if line[58:68].strip()]
-    return EarthRotation(
-        *(np.array([line[begin:end] for line in days], np.float64) for begin, end in COLUMNS.values())
-    )
+    columns = ([line[begin:end] for line in days] for begin, end in COLUMNS.values())
+    return EarthRotation(*(np.array(column, np.float64) for column in columns))
 
 
 DEGREE = 28
@@ -187,9 +186,8 @@ def _over_earth(unix_s: FloatArray, site: Site) -> FloatArray:
         aberrated = erfa.ab(-observer["eh"], observer["v"], observer["em"], observer["bm1"])
         right_ascension, declination = erfa.c2s(erfa.rxp(observer["bpn"], aberrated))
         azimuth, zenith, *_ = erfa.atioq(right_ascension, declination, observer)
-    return np.stack(
-        [np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)], axis=-1
-    )
+    level = np.sin(zenith)
+    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.cos(zenith)], axis=-1)
 
 
 def _observer(unix_s: FloatArray, site: Site) -> TableArray:

@@ -140,9 +140,7 @@ class AlarmEngine:
         return []
 
     def _events(self, changes: Iterator[tuple[Alarm, Phase, int]]) -> list[Event]:
-        return [
-            alarm.event(phase, time_ns + self._mono_minus_utc, time_ns) for alarm, phase, time_ns in changes
-        ]
+        return [alarm.event(phase, at + self._mono_minus_utc, at) for alarm, phase, at in changes]
 
     # --- samples, events and health, in order of time
 
