@@ -67,10 +67,10 @@ REMEMBERED = 3
 
 Judged: because three times 64 densities carry the polynomial; older draws lie where nothing is any more.
 """
-STEPS, STEPS_AFTER_DRAW = 2, 15
+STEPS, STEPS_AFTER_DRAW = 6, 15
 """Newton steps of unit normals from those of the minute before, and from the filters' own.
 
-Judged: because a minute moves a normal little; from afar it takes more, and what has converged stops.
+Judged: because a minute moves a normal little and most converge in two or three; from afar it takes more.
 """
 MULTIPLIED = ("gain", "diffuse", "circumsolar", "brightening")
 """States by which others are multiplied."""

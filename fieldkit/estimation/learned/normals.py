@@ -25,7 +25,7 @@ Judged: because beyond 14 degrees the plane that touches the sphere is none of i
 """
 LEAST_GAIN = 0.3
 """Judged: because no light meter and surface are off by more; at zero all normals would be one."""
-CONVERGED = 1e-7
+CONVERGED = 1e-6
 """Step of the gain or of a turn in radians below which another one would change nothing."""
 NO_WORSE = 1e-8
 """Growth of the misfit that is rounding: it must not decide whether a last small step is taken, else results
