@@ -85,7 +85,7 @@ def test_the_first_screen_shows_slopes_frame_and_the_state_of_the_data(browser, 
         assert box is not None
         assert box["x"] >= 0
         assert box["y"] + box["height"] <= size[1], part
-    assert re.search(r"b15\s+[\d.]+\s+±[\d.]+", page.locator(".slopes").inner_text())
+    assert re.search(r"b15\s+[\d.]+\s+(±|\()[\d.]+", page.locator(".slopes").inner_text())
 
 
 def as_served(browser: Browser, report: Path) -> Page:
