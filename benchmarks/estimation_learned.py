@@ -205,15 +205,21 @@ def _against_truths(estimates: Sequence[SlopeEstimate], world: World) -> list[Fo
     return [_against(estimate, truths[estimate.region]) for estimate in estimates]
 
 
-def _against(one: SlopeEstimate, truth: Region) -> Found:
-    silent = one.state not in SOLVED
-    if np.isnan(one.tilt_deg):
+def _against(estimate: SlopeEstimate, truth: Region) -> Found:
+    silent = estimate.state not in SOLVED
+    if np.isnan(estimate.tilt_deg):
         return Found(float("nan"), float("inf"), silent, False, False, False, float("nan"))
-    error = truth.tilt_deg - one.tilt_deg
-    half = one.tilt_high_deg - one.tilt_deg if error > 0.0 else one.tilt_deg - one.tilt_low_deg
+    error = truth.tilt_deg - estimate.tilt_deg
+    half = (
+        estimate.tilt_high_deg - estimate.tilt_deg
+        if error > 0.0
+        else estimate.tilt_deg - estimate.tilt_low_deg
+    )
     scaled = abs(error) / max(half, 1e-6)
-    is_certain, half = one.state in CERTAIN, one.tilt_half_width_deg
-    return Found(abs(error), scaled, silent, holds(one, truth), is_certain, is_ok_by_old_limit(one), half)
+    is_certain, half = estimate.state in CERTAIN, estimate.tilt_half_width_deg
+    return Found(
+        abs(error), scaled, silent, holds(estimate, truth), is_certain, is_ok_by_old_limit(estimate), half
+    )
 
 
 # --- all worlds

@@ -55,15 +55,19 @@ class Statement(NamedTuple):
 def statements(head: Sequence[str], fields: Sequence[str]) -> list[Statement]:
     """What the cells above the times state, and fields around the table, as ``Time zone: UTC+9``."""
     stated = [Statement(cell, tuple(_zones(cell, is_head=True))) for cell in dict.fromkeys(head)]
-    stated = [one for one in stated if one.zones or _ABBREVIATION.search(one.words) or is_label(one.words)]
+    stated = [
+        statement
+        for statement in stated
+        if statement.zones or _ABBREVIATION.search(statement.words) or is_label(statement.words)
+    ]
     for field in dict.fromkeys(fields):
         zones = tuple(_of_field(field))
         is_without = _NO_SUMMER.search(field) or (_SUMMER.search(field) and _NO.search(field))
         if zones or (is_label(field) and not is_without):
             stated.append(Statement(field, zones))
-    sure = [one for one in stated if one.zones]
-    summer = [one for one in stated if not one.zones and _SUMMER.search(one.words)]
-    if summer and not any(isinstance(zone, ZoneInfo) for one in sure for zone in one.zones):
+    sure = [statement for statement in stated if statement.zones]
+    summer = [statement for statement in stated if not statement.zones and _SUMMER.search(statement.words)]
+    if summer and not any(isinstance(zone, ZoneInfo) for statement in sure for zone in statement.zones):
         return summer  # an offset may have summer time in it, or not
     return sure or stated
 
@@ -75,7 +79,7 @@ def is_label(cell: str) -> bool:
 
 def example(stated: Sequence[Statement]) -> str:
     """A zone that was meant, as far as the words name one."""
-    zones = (zone.key for one in stated for zone in one.zones if isinstance(zone, ZoneInfo))
+    zones = (zone.key for statement in stated for zone in statement.zones if isinstance(zone, ZoneInfo))
     return next(zones, "Asia/Tokyo")
 
 

@@ -40,7 +40,7 @@ class Guess(NamedTuple):
     own: FloatArray
 
     def under(self, hypotheses: IntArray) -> Guess:
-        """Under some hypotheses."""
+        """The guess at places (h,) of hypotheses, which may repeat."""
         units = tuple(unit[hypotheses] for unit in self.units)
         return Guess(self.gain[hypotheses], units, self.own[hypotheses])
 
@@ -53,8 +53,8 @@ class UnitNormals:
     which units may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
     targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
     given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
-    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains, and `free` (p, m, m) is
-    what the filters know of them.
+    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains, and `free` (p, m, m)
+    the information of the filters on gain and normals.
     """
 
     mode: Guess
@@ -96,7 +96,7 @@ class FreeNormals(NamedTuple):
         return cls(np.column_stack([filters.mean[:, places], np.zeros_like(own_sds)]), information)
 
     def under(self, hypotheses: IntArray) -> FreeNormals:
-        """Under some hypotheses."""
+        """The same at places (h,) of hypotheses, which may repeat."""
         return FreeNormals(self.mean[hypotheses], self.information[hypotheses])
 
     def guess(self, units: tuple[FloatArray, ...]) -> Guess:
