@@ -253,8 +253,8 @@ def prior_covariance(
     covariance[:, air, longwave] = covariance[:, longwave, air] = together
     # started as if it had long run: a process that follows its drive has half the drive's variance
     smooth, drives = (np.arange(layout.size)[places] for places in (layout.smooth, layout.drives))
-    for one, other in ((smooth, smooth), (smooth, drives), (drives, smooth)):
-        covariance[:, one, other] = variance[:, drives] / 2.0
+    for rows, columns in ((smooth, smooth), (smooth, drives), (drives, smooth)):
+        covariance[:, rows, columns] = variance[:, drives] / 2.0
     past = _past_fills()
     bins = np.arange(past.shape[1])
     alike = past @ PAST_ALIKE ** np.abs(bins[:, np.newaxis] - bins) @ past.T
